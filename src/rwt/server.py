@@ -502,6 +502,7 @@ class Server:
         ports = Listeners(
             settings, bridge, spoken, metrics, tls, extensions, middleware, self._worker, mounts
         )
+        metrics.include(ports.refusals)
         connections: list[OutgoingConnection] = []
         context = ServiceContext(
             graph=graph,

@@ -210,6 +210,7 @@ class Access:
         role = self.admission.role_of(info)
         if role is None:
             reason = "this page is for clients that authenticate by a token (auth.tokens)"
+            self.admission.log_refusal("token", info, reason)
             raise Refused(401, reason, {"WWW-Authenticate": 'Bearer realm="rosbridge"'})
         work = self._quotas_of(info.address).work
         holder = holder_of(info.address, role.credential)
@@ -228,6 +229,7 @@ class Access:
         """Register an open response, as :meth:`rwt_transports.http.routes.Reader.while_allowed` does."""
         response = _OpenResponse(info, tuple(topics), end)
         if reason := self._reason_to_end(response):
+            self.admission.log_refusal("role", info, reason)
             raise Refused(403, reason)
         key = object()
         self._open_responses[key] = response

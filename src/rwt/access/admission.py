@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections import Counter
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -40,6 +41,8 @@ class Admission:
         roles: every role, by name.
         rosauth: verifier of `auth` ops; None without a secret.
         default_role: role of clients without credentials; None: credentials are required.
+        refused: number of refused connections and requests by reason: `token`, `auth` (rosauth), `origin`,
+            `role`, `work`.
 
     Args:
         now: returns the seconds since 1970.
@@ -60,6 +63,7 @@ class Admission:
         self._now = now
         self._monotonic = monotonic
         self._log_rate = LineRate(per_second=10, burst=100)
+        self.refused: Counter[str] = Counter(token=0, auth=0, origin=0, role=0, work=0)
         self.rosauth: Rosauth | None = None
         self._is_open = True
         self.prepare(settings)()
@@ -201,13 +205,18 @@ class Admission:
             raise self._refused(info, 401, "this bearer token is not known here (auth.tokens)")
         return role
 
-    def log_refusal(self, info: PeerInfo, reason: str) -> None:
-        """Log a refused connection; the rate limit is for all connections together."""
+    def log_refusal(self, kind: str, info: PeerInfo, reason: str) -> None:
+        """Count and log a refusal; the rate limit is for all connections together.
+
+        Args:
+            kind: key of :attr:`refused`.
+        """
+        self.refused[kind] += 1
         if self._log_rate.admit(self._monotonic()):
             text = f"turned {info.address or info.transport} away: {reason}{self._log_rate.note()}"
             self._audit.write(logging.WARNING, "%s", text)
 
     def _refused(self, info: PeerInfo, status: int, reason: str) -> Refused:
-        self.log_refusal(info, reason)
+        self.log_refusal("token" if status == 401 else "origin", info, reason)
         headers = {"WWW-Authenticate": 'Bearer realm="rosbridge"'} if status == 401 else {}
         return Refused(status, reason, headers)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractAsyncContextManager
 from typing import TYPE_CHECKING
 
@@ -11,7 +11,7 @@ from rwt.composition.pages import routes
 from rwt.declarations import Mounts, PortOptions
 from rwt_transports.http.addresses import AddressCount
 from rwt_transports.http.proxies import Proxies
-from rwt_transports.http.routes import HttpExtension, Route, Routes
+from rwt_transports.http.routes import HttpExtension, MetricFamily, Route, Routes
 from rwt_transports.limits import Deflate, Limits
 from rwt_transports.listener import Listener, listen
 
@@ -94,6 +94,13 @@ class Listeners:
         """
         url = "ws://127.0.0.1" if loopback else "ws://0.0.0.0"
         return self.accept(url), self._options(url)
+
+    def refusals(self) -> Iterator[MetricFamily]:
+        """Yield the metric of refused connections and requests."""
+        counts = {**self._bridge.access.admission.refused, **self.addresses.refused}
+        help_ = "Connections and HTTP requests that were refused, by reason."
+        samples = [({"reason": reason}, count) for reason, count in sorted(counts.items())]
+        yield MetricFamily("rwt_refused_requests_total", "counter", help_, samples)
 
     def accept(self, url: str) -> Accept:
         """Return the accept function of clients that arrive through `url`."""

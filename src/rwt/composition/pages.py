@@ -148,16 +148,20 @@ def _admitted(access: Access, audience: Audience, request: HttpRequest, press: P
     Raises:
         Refused: the sender is not of the audience, or its address exceeds its rate of work.
     """
-    reader = access.reader(peer_of(request))
+    info = peer_of(request)
+    reader = access.reader(info)
     if audience is Audience.EVERY_TOPIC and not reader.sees_every_topic:
         role = reader.role.name
-        raise Refused(403, f"role {role!r} may not see every topic (roles.{role}.subscribe)")
+        reason = f"role {role!r} may not see every topic (roles.{role}.subscribe)"
+        access.admission.log_refusal("role", info, f"{request.path!a}: {reason}")
+        raise Refused(403, reason)
     if press is not None and press(request, reader):
         reader.has_pressed_stop = True
         return reader
     # Refused, not delayed: unlike messages, a request cannot wait without its client noticing.
     if (beyond := reader.work.refusal()) is not None:
         reason, seconds = beyond
+        access.admission.log_refusal("work", info, reason)
         raise Refused(429, reason, {"Retry-After": str(math.ceil(seconds))})
     return reader
 
@@ -198,7 +202,9 @@ def guarded(
             if audience is Audience.IF_ADMITTED:
                 return page(request, access.nobody)
             if not is_navigation(request.method, request.headers):
-                return refusal(request, _foreign(origin))
+                foreign = _foreign(origin)
+                access.admission.log_refusal("origin", peer_of(request), foreign.reason)
+                return refusal(request, foreign)
             origin = ""
         return then(answer_admitted(request), partial(_shared, request, origin))
 

@@ -286,7 +286,7 @@ class PendingAuth:
 
     def _turn_away(self, reason: str) -> None:
         self._decide()
-        self._admission.log_refusal(self._info, reason)
+        self._admission.log_refusal("auth", self._info, reason)
         self._sink.close(POLICY, reason)
 
     def _too_late(self) -> None:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import ipaddress
+import logging
 from collections import Counter
 
 from rwt_transports.errors import Refused
 from rwt_transports.http.proxies import NO_PROXIES, Proxies, parsed
-from rwt_transports.http.routes import is_local
+from rwt_transports.http.routes import Hosts, is_local
 from rwt_transports.shared_pool import Holder
+
+logger = logging.getLogger("rwt_transports.http")
 
 
 class AddressCount:
@@ -21,12 +24,16 @@ class AddressCount:
         most: connections of one address; 0 for any number.
         proxies: proxies whose connections count only once a request names their client, or does not
             (:func:`~rwt_transports.http.proxies.behind_proxy`).
+
+    Attributes:
+        refused: number of refused connections and requests by reason: `connections`, `host`.
     """
 
     def __init__(self, most: int = 0, proxies: Proxies = NO_PROXIES) -> None:
         self._most = most
         self._proxies = proxies
         self._open: Counter[str] = Counter()
+        self.refused: Counter[str] = Counter(connections=0, host=0)
 
     def enter(self, address: str) -> None:
         if key := self._key(address):
@@ -39,15 +46,36 @@ class AddressCount:
             if not self._open[key]:
                 del self._open[key]
 
-    def check(self, address: str) -> None:
+    def check(self, address: str, *, notes: bool = True) -> None:
         """Check the limit for a connection that is already counted.
+
+        Args:
+            notes: False if the caller counts the refusal once it is sent (:meth:`note_refusal`).
 
         Raises:
             Refused: the address has too many connections (status 429); the text names the setting.
         """
         if self._open[self._key(address)] > self._most:
             text = f"{self._most} connections from {address} are open (limits.connections_per_address)"
+            if notes:
+                self.note_refusal("connections", address, text)
             raise Refused(429, text, {"Connection": "close"})
+
+    def check_host(self, hosts: Hosts, host: str, address: str) -> None:
+        """Check the header `Host` of a request.
+
+        Raises:
+            Refused: the listener does not answer to this name (status 403); the text names the setting.
+        """
+        if not hosts.include(host):
+            text = f"this server does not answer to the name {ascii(host)[1:-1][:200]} (origins.hosts)"
+            self.note_refusal("host", address, text)
+            raise Refused(403, text, {"Connection": "close"})
+
+    def note_refusal(self, reason: str, address: str, text: str) -> None:
+        """Count and log a refusal."""
+        self.refused[reason] += 1
+        logger.warning("refused %s: %s", address, text)
 
     def is_flooding(self, address: str) -> bool:
         """True if the address has twice its limit of connections, so that it gets no response."""

@@ -94,7 +94,7 @@ class HttpConnection(UnbufferedCallbacks):
         self.holder = holder_of(address)
         self._port = port
         self._identity = object()
-        self._refused: HttpResponse | None = None
+        self._refused: Refused | None = None
         self._h11 = h11.Connection(h11.SERVER, max_incomplete_event_size=limits.http_header_bytes)
         self._request: h11.Request | None = None
         self._head = HttpRequest("", "")
@@ -169,9 +169,9 @@ class HttpConnection(UnbufferedCallbacks):
     def _check_address(self) -> None:
         self._refused = None
         try:
-            self._listener.addresses.check(self.address)
+            self._listener.addresses.check(self.address, notes=False)
         except Refused as refused:
-            self._refused = HttpResponse.refusing(refused)
+            self._refused = refused
 
     def _count_as(self, address: str, credential: str = "") -> None:
         """Count for another client: behind a proxy, each request may come from another."""
@@ -349,13 +349,14 @@ class HttpConnection(UnbufferedCallbacks):
     def _requested(self, raw: h11.Request) -> None:
         headers = self._head.headers
         request = replace(self._head, body=bytes(self._body)) if self._body else self._head
-        if not self._listener.hosts.include(headers.get("host", "")):
-            shown = ascii(headers["host"])[1:-1][:200]
-            text = f"this server does not answer to the name {shown} (origins.hosts)\n"
-            self._respond_text(403, text, {"Connection": "close"})
+        try:
+            self._listener.addresses.check_host(self._listener.hosts, headers.get("host", ""), self.address)
+        except Refused as refused:
+            self._respond(HttpResponse.refusing(refused))
             return
         if self._refused is not None:
-            self._respond(self._refused)
+            self._listener.addresses.note_refusal("connections", self.address, self._refused.reason)
+            self._respond(HttpResponse.refusing(self._refused))
             return
         if wants_websocket(pairs := _pairs(raw)):
             if raw.http_version < b"1.1":  # RFC 6455 section 4.2.1; often a proxy's default

@@ -155,9 +155,7 @@ class AsgiListener:
     def _check(self, request: HttpRequest) -> None:
         """Raise Refused if the listener does not answer a request."""
         host = request.headers.get("host", "")
-        if not self._state.hosts.include(host):
-            shown = ascii(host)[1:-1][:200]
-            raise Refused(403, f"this server does not answer to the name {shown} (origins.hosts)")
+        self._state.addresses.check_host(self._state.hosts, host, request.address)
         if self._state.closing:
             raise Refused(503, "this server is closing")
         self._state.addresses.check(request.address)
