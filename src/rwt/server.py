@@ -378,6 +378,8 @@ class Server:
             raise SettingsError(read.with_places(str(error))) from None
         for reload_roles in running.reload_roles:
             reload_roles()
+        if running.metrics.globs is not None:
+            running.metrics.globs.take(settings)
         if running.tls is not None:
             renew_server_tls(running.tls, settings.tls)
         self._warn_of_strangers(running.bridge.access, running.listeners, running.connections)
@@ -451,6 +453,7 @@ class Server:
         from rwt.composition.listeners import Listeners
         from rwt.gateways.visitors import counted
         from rwt.observability.metrics import ServerMetrics
+        from rwt.observability.unmatched import GlobCheck
         from rwt.rosapi import DISCLOSURES
         from rwt.rosbridge.bridge import Bridge
         from rwt.rosbridge.numpy_loading import NumpyLoading
@@ -485,10 +488,14 @@ class Server:
         stack.callback(access.close)
         bridge = Bridge(graph, settings, access, NumpyLoading())
         stack.callback(bridge.close)
+        globs = GlobCheck(graph, settings)
+        stack.callback(globs.close)
+        http = (*http, globs.http)
         gateways = self._start_gateways(access, http, stack)
         of_gateways = (counted(each.http, each.shared.counters) for each in gateways)
         extensions: list[HttpExtension[GraphView]] = [*http, *of_gateways]
         metrics = ServerMetrics(bridge, extensions, gateways)
+        metrics.globs = globs
         stack.callback(metrics.close)
         if self._worker is None and (seconds := heartbeat_seconds()) is not None:
             tell(ALIVE)

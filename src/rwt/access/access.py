@@ -107,7 +107,7 @@ class Access:
         self._open_responses: dict[object, _OpenResponse] = {}
 
     def _gate_of(self, graph: Graph, settings: GateSettings) -> Gate | None:
-        if not settings.rules and not settings.audit.is_on:
+        if not settings.is_on:
             return None
         # Imported here: servers without a gate do not load it.
         from rwt.access.gate.gate import Gate
@@ -132,7 +132,7 @@ class Access:
         replace = self.admission.prepare(settings)
         if self.gate is not None:
             self.gate.replace_rules(settings.gate)
-        elif settings.gate.rules or settings.gate.audit.is_on:
+        elif settings.gate.is_on:
             raise SettingsError("`gate.rules`: a server without a gate requires a restart for one")
         replace()
         for key, response in tuple(self._open_responses.items()):

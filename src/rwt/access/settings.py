@@ -7,6 +7,7 @@ import ipaddress
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
 from types import MappingProxyType
@@ -41,6 +42,22 @@ CountOrNone = Annotated[int, Field(ge=0, le=_MOST)]
 Seconds = Annotated[float, Field(ge=0.001, le=_MOST, allow_inf_nan=False)]
 SecondsOrNone = Annotated[float, Field(ge=0, le=_MOST, allow_inf_nan=False)]
 Globs = tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class NamesOf:
+    """Metadata of a setting whose globs are for names of the robot, which should match one.
+
+    Attributes:
+        kinds: `topic`, `service` and `action`; one of them is enough.
+    """
+
+    kinds: tuple[Literal["topic", "service", "action"], ...]
+
+
+TopicGlobs = Annotated[Globs, NamesOf(("topic",))]
+ServiceGlobs = Annotated[Globs, NamesOf(("service",))]
+ActionGlobs = Annotated[Globs, NamesOf(("action",))]
 
 _LABEL: Final = r"[A-Za-z0-9](?:[A-Za-z0-9-]{0,61}[A-Za-z0-9])?"
 _HOST_NAME: Final = re.compile(rf"{_LABEL}(?:\.{_LABEL})*")
@@ -235,14 +252,14 @@ class ApprovalSettings(Table):
 class GateRule(Table):
     """Rule for the names that the globs match. If several rules match, all apply."""
 
-    topics: Globs = Field((), description="topics that clients publish on")
+    topics: TopicGlobs = Field((), description="topics that clients publish on")
     type: str | None = Field(
         None,
         description="message type of `topics`; not set: that of the robot's programs, before which only"
         " roles that may do everything can advertise them",
     )
-    services: Globs = Field((), description="services that clients call")
-    actions: Globs = Field((), description="actions that clients send goals to")
+    services: ServiceGlobs = Field((), description="services that clients call")
+    actions: ActionGlobs = Field((), description="actions that clients send goals to")
     parameters: Globs = Field(
         (), description="parameters that clients set: `/node:name` on ROS 2, `/name` on ROS 1"
     )
@@ -332,8 +349,18 @@ class GateSettings(Table):
     rules: Mapping[str, GateRule] = Field(
         default_factory=dict, description="what clients have to keep to, each rule under a name of its own"
     )
+    require: Globs = Field(
+        (),
+        description="topics, services and actions that a rule has to guard: commands on others of these are"
+        ' rejected, for example `["/cmd_vel"]`',
+    )
     emergency: EmergencySettings = EmergencySettings.model_construct()
     audit: AuditSettings = AuditSettings.model_construct()
+
+    @property
+    def is_on(self) -> bool:
+        """True if requests of clients are checked or recorded."""
+        return bool(self.rules or self.require) or self.audit.is_on
 
     def named_roles(self) -> Iterator[tuple[str, str]]:
         """The roles that rules name, by the key of the setting, without those that are globs."""
@@ -575,16 +602,16 @@ class RoleSettings(Table):
     read_only: bool = Field(
         False, description="subscribe to every topic and read every parameter, nothing else"
     )
-    publish: Globs = Field((), description="topics to publish on")
-    subscribe: Globs = Field((), description="topics to subscribe to")
-    call: Globs = Field((), description="services to call; those of rosapi are always allowed")
+    publish: TopicGlobs = Field((), description="topics to publish on")
+    subscribe: TopicGlobs = Field((), description="topics to subscribe to")
+    call: ServiceGlobs = Field((), description="services to call; those of rosapi are always allowed")
     provide: Globs = Field((), description="services and actions to advertise")
     displace: Globs = Field(
         (),
         description="names of `provide` that may replace the robot's own, which return when the client"
         " disconnects",
     )
-    goals: Globs = Field(
+    goals: ActionGlobs = Field(
         (), description="actions to send goals to, including through their services and topics of ROS 2"
     )
     get_param: Globs = Field((), description="parameters to read: `/node:name` on ROS 2, `/name` on ROS 1")

@@ -74,6 +74,25 @@ async def network_of(
         return None
 
 
+class UnmatchedGlob(msgspec.Struct, kw_only=True):
+    """Glob of a server's settings that matches nothing, with a description for people."""
+
+    setting: str
+    glob: str
+    text: str
+
+
+async def unmatched_of(
+    url: str, patience: float, tls: ssl.SSLContext | None, headers: Mapping[str, str]
+) -> tuple[UnmatchedGlob, ...]:
+    """Return the globs that match nothing; none if the credentials do not allow the question."""
+    status, body = await _get(url, "/unmatched", patience, tls, headers)
+    try:
+        return msgspec.json.decode(body, type=tuple[UnmatchedGlob, ...]) if status == 200 else ()
+    except (msgspec.MsgspecError, RecursionError):
+        return ()
+
+
 async def _get(
     url: str, page: str, patience: float, tls: ssl.SSLContext | None, headers: Mapping[str, str]
 ) -> tuple[int, bytes]:

@@ -350,6 +350,7 @@ def _health(bridge: Bridge, metrics: ServerMetrics, proxies: Proxies) -> HttpRes
         "clients": bridge.client_count,
         "work": round(metrics.work, 3),
         "clients_beyond_rate": metrics.clients_beyond_rate,
+        "unmatched_globs": 0 if metrics.globs is None else len(metrics.globs.found),
     }
     if proxies:
         body["proxy_headers"] = proxies.headers

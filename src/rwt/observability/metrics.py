@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from rwt.access.quotas import WorkTotals
     from rwt.delivery.counters import EncodingCounts, TopicCounts
     from rwt.gateways.base import ConnectedClient, Gateway
+    from rwt.observability.unmatched import GlobCheck
     from rwt.rosbridge.bridge import Bridge
     from rwt_graph.clock import Clock
     from rwt_participant.threads.pool import HandlerThreads
@@ -32,7 +33,11 @@ if TYPE_CHECKING:
 
 
 class ServerMetrics:
-    """Metrics of one server and of its HTTP extensions, collected on request."""
+    """Metrics of one server and of its HTTP extensions, collected on request.
+
+    Attributes:
+        globs: check of the globs in the settings; None without one.
+    """
 
     def __init__(
         self,
@@ -43,6 +48,7 @@ class ServerMetrics:
         self._bridge = bridge
         self._gateways: tuple[Gateway, ...] = (bridge, *gateways)
         self._of_nodes = [its.metrics for its in extensions if its.metrics is not None]
+        self.globs: GlobCheck | None = None
         self._loop_lag = LoopLag(bridge.shared.graph.clock, bridge.access.work)
 
     def include(self, count: Callable[[], Iterable[MetricFamily]]) -> None:
@@ -67,6 +73,9 @@ class ServerMetrics:
         _write_work(page, bridge)
         if bridge.access.gate is not None:
             _write_gate(page, bridge.access.gate)
+        if self.globs is not None:
+            help_ = "Globs of the settings, such as topics of gate rules, that match no name of the robot."
+            page.single("rwt_unmatched_globs", "gauge", help_, len(self.globs.found))
         page.histogram(
             "rwt_loop_lag_seconds", "How late the event loop ran a timer.",
             LAG_BUCKETS, self._loop_lag.counts, self._loop_lag.total,

@@ -275,8 +275,16 @@ class ClientGate:
 
         Raises:
             NotAllowed: the topic is the gate's own, or the emergency stop, which the role may not press.
-            GateRefused: the QoS is latched, and a rule defines a stop message for the topic.
+            GateRefused: no rule guards a topic of `gate.require`, or the QoS is latched, and a rule defines a
+                stop message for the topic.
         """
+        as_goal = _GOAL_TOPIC.fullmatch(topic)
+        try:
+            self._gate.rules.require("publish", topic)
+            if as_goal:
+                self._gate.rules.require("goal", as_goal["action"])
+        except GateRefused as refused:
+            self._gate.refuse(self.actor, "publish", topic, refused)
         if not self._gate.rules.all:
             return
         if qos is not None and qos.durability is not Durability.VOLATILE:
@@ -552,6 +560,7 @@ def _require_plain_goal(gate: Gate, actor: Actor, action: str, payload: Payload)
         GateRefused: a rule limits goals of the action or requires approval, the emergency stop is pressed, or
             a number is not finite.
     """
+    gate.rules.require("goal", action)
     for rule in gate.rules.of("goal", action):
         if not rule.holds_for(actor.role):
             continue

@@ -107,7 +107,7 @@ class Gate:
         self.settings = settings
         self.is_observing = settings.mode == "observe"
         self._stop_roles: dict[str, bool] = {}
-        self.rules = Rules(settings.rules)
+        self.rules = Rules(settings)
         self.clock = graph.clock
         self.recorder = Recorder(settings.audit, audit, graph.clock)
         self.participant = graph.participant(GATE_NODE)
@@ -180,7 +180,7 @@ class Gate:
             return
         old = self.rules, self._topics, self._sweep, self._checks, dict(self.faults)
         topics = self._topics
-        self.rules, self._topics, self._sweep, self._checks = Rules(settings.rules), {}, deque(), {}
+        self.rules, self._topics, self._sweep, self._checks = Rules(settings), {}, deque(), {}
         try:
             self._check_rules()
             for topic in topics.values():
@@ -402,6 +402,7 @@ class Gate:
         asked: dict[tuple[GatedAct, Rule], list[str]] = {}
         finite: set[Rule] = set()  # Rules that have checked all numbers: one call may set many parameters.
         for number, (act, name) in enumerate(acts):
+            self.rules.require(act, name)
             for rule in self.rules.of(act, name):
                 if not rule.holds_for(actor.role):
                     continue

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final, Literal, TypeGuard
 
+from rwt.access.errors import GateRefused
 from rwt.access.roles import NameCache, absolute_globs, glob_pattern
 
 if TYPE_CHECKING:
     import re
     from collections.abc import Mapping
 
-    from rwt.access.settings import GateRule
+    from rwt.access.settings import GateRule, GateSettings
     from rwt_interfaces.structs import MessageType
 
 GatedAct = Literal["publish", "call", "goal", "set_param"]
@@ -70,8 +71,9 @@ class Rules:
         has_parameters: True if any of them is about parameters.
     """
 
-    def __init__(self, settings: Mapping[str, GateRule]) -> None:
-        self.all = tuple(Rule(name, rule) for name, rule in settings.items())
+    def __init__(self, settings: GateSettings) -> None:
+        self.all = tuple(Rule(name, rule) for name, rule in settings.rules.items())
+        self._required = glob_pattern(absolute_globs(settings.require))
         self.has_emergency = any(rule.settings.emergency for rule in self.all)
         self.has_parameters = any(rule.settings.parameters for rule in self.all)
         self._found: NameCache[GatedAct, tuple[Rule, ...]] = NameCache(
@@ -81,3 +83,8 @@ class Rules:
     def of(self, act: GatedAct, name: str) -> tuple[Rule, ...]:
         """Return the rules about a name, for any role."""
         return self._found[act, name]
+
+    def require(self, act: GatedAct, name: str) -> None:
+        """Raise GateRefused if `gate.require` is about an absolute name, and no rule is."""
+        if act != "set_param" and self._required.fullmatch(name) is not None and not self.of(act, name):
+            raise GateRefused(f"{name} has to be guarded by a rule, and no rule is about it", "gate.require")

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
 from pydantic import Field
 
-from rwt.access.settings import Bytes, Count, Globs, Seconds, Table
+from rwt.access.settings import Bytes, Count, Globs, NamesOf, Seconds, Table
 
 
 class McpSettings(Table):
@@ -15,7 +16,7 @@ class McpSettings(Table):
     default_role: str = Field(
         "viewer", description="role of agents without a token of `auth.tokens`, if clients need none"
     )
-    confirm: Globs = Field(
+    confirm: Annotated[Globs, NamesOf(("topic", "service", "action"))] = Field(
         (),
         description="topics, services, actions and parameters for which the agent's user must approve"
         ' each request, for example `["*"]`; clients that cannot ask are rejected',

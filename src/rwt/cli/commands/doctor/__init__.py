@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 from rwt import parts
 from rwt.cli.console.output import Output, Style
 from rwt.cli.errors import CALLED_WRONGLY, CANNOT_CONNECT, FAILED, CommandError
-from rwt.cli.health import Health, health_of, network_of
+from rwt.cli.health import Health, health_of, network_of, unmatched_of
 from rwt.cli.parser import Commands
 from rwt.cli.verbs import (
     USUAL_TIMEOUT,
@@ -181,6 +181,8 @@ async def _examine(arguments: Arguments, check: CheckPart | None, report: Callab
             network = await network_of(url, min(limit, _PATIENCE), tls, headers or {})
             if network is not None:
                 report(_robot_finding(network))
+            for each in await unmatched_of(url, min(limit, _PATIENCE), tls, headers or {}):
+                report(Finding("settings", "warning", each.text, f"correct `{each.setting}`, and reload"))
     except BadUrl as error:
         raise CommandError(str(error), CALLED_WRONGLY) from error
     except TransportError as error:

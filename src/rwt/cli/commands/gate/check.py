@@ -142,7 +142,7 @@ def _rows(loaded: LoadedSettings, role: Role) -> Iterator[dict[str, Sequence[str
     from rwt.access.roles import ACTS, absolute_globs
 
     gate = loaded.settings.gate
-    rules = Rules(gate.rules)
+    rules = Rules(gate)
     for act in ACTS:
         verb = "goal" if act == "goals" else act
         resources = list(role.globs[act])

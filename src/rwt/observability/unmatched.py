@@ -1,0 +1,140 @@
+"""Globs of the settings that match nothing on the robot, such as misspelt names."""
+
+from __future__ import annotations
+
+import json
+import logging
+import re
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+from rwt.access.gate.rules import RULE_KEYS, Rules
+from rwt.access.roles import absolute_globs, glob_pattern
+from rwt.access.settings import NamesOf, Table
+from rwt.observability.supervision import Periodic
+from rwt_participant.spelling import nearest
+from rwt_transports.http.routes import Audience, HttpExtension, HttpResponse, Reader, Route
+
+if TYPE_CHECKING:
+    from rwt.settings.models import Settings
+    from rwt_graph.api import Graph
+
+logger = logging.getLogger(__name__)
+
+CHECK_SECONDS: Final = 10.0
+"""Time that the robot's programs have to appear, and between two checks."""
+
+_MAX_FOUND: Final = 100
+"""Maximum number of globs that are reported."""
+
+#: Nodes of the server itself: a topic that only they use is not the robot's.
+_OWN_NODES: Final = frozenset({"/gate"})
+
+
+class Unmatched(NamedTuple):
+    """Glob that matches no name.
+
+    Attributes:
+        setting: key of the setting, such as `gate.rules.drive.topics`.
+        glob: the glob.
+        text: description, with the nearest name.
+    """
+
+    setting: str
+    glob: str
+    text: str
+
+
+def globs_of(table: Table, above: str = "") -> Iterator[tuple[str, NamesOf, tuple[str, ...]]]:
+    """Yield key, kinds of names, and globs of each setting that lists names of the robot."""
+    for name, field in type(table).model_fields.items():
+        value, key = getattr(table, name), f"{above}{name}"
+        kinds = next((each for each in field.metadata if isinstance(each, NamesOf)), None)
+        if kinds is not None:
+            yield key, kinds, value
+        elif isinstance(value, Table):
+            yield from globs_of(value, f"{key}.")
+        elif isinstance(value, Mapping):
+            for inner, each in value.items():
+                if isinstance(each, Table):
+                    yield from globs_of(each, f"{key}.{inner}.")
+
+
+class GlobCheck:
+    """Periodic check of all globs against the names in the graph.
+
+    Attributes:
+        found: globs that matched nothing at the last check.
+    """
+
+    def __init__(self, graph: Graph, settings: Settings) -> None:
+        self.found: tuple[Unmatched, ...] = ()
+        self._graph = graph
+        self._timer = Periodic(graph.clock, CHECK_SECONDS, self._check)
+        self.take(settings)
+
+    @property
+    def http(self) -> HttpExtension[Reader]:
+        """Page of the globs that match nothing, for clients that see every topic."""
+        page = Route[Reader]("/unmatched", lambda request, reader: self._page(), Audience.EVERY_TOPIC)
+        return HttpExtension(routes=(page,))
+
+    def _page(self) -> HttpResponse:
+        body = json.dumps([each._asdict() for each in self.found]).encode()
+        return HttpResponse(body, content_type="application/json")
+
+    def take(self, settings: Settings) -> None:
+        """Check other settings from now on."""
+        self._globs = tuple(globs_of(settings))
+        self._rules = Rules(settings.gate)
+        self._logged: set[tuple[str, str]] = set()
+
+    def close(self) -> None:
+        """Stop checking."""
+        self._timer.close()
+
+    def _check(self) -> None:
+        names: dict[str, list[str]] = {
+            "topic": [
+                each.name
+                for each in self._graph.topics()
+                if not _OWN_NODES.issuperset(end.node for end in (*each.publishers, *each.subscribers))
+            ],
+            "service": [each.name for each in self._graph.services()],
+            "action": list(self._graph.action_names()),
+        }
+        found: list[Unmatched] = []
+        for setting, kinds, globs in self._globs:
+            known = [name for kind in kinds.kinds for name in names[kind]]
+            for glob, absolute in zip(globs, absolute_globs(globs), strict=True):
+                if len(found) < _MAX_FOUND and not _matches(absolute, known):
+                    found.append(Unmatched(setting, glob, self._text(setting, kinds, absolute, known)))
+        self.found = tuple(found)
+        for each in found:
+            if each[:2] not in self._logged:
+                self._logged.add(each[:2])
+                logger.warning("%s", each.text)
+
+    def _text(self, setting: str, kinds: NamesOf, glob: str, known: list[str]) -> str:
+        what = " or ".join(kinds.kinds)
+        near = nearest(glob, known)
+        if not setting.startswith("gate.rules."):
+            return f"`{setting}`: {glob} matches no {what}" + (f"; near: {near}" if near else "")
+        text = f"gate rule `{glob}` guards no {what} (`{setting}`)"
+        key = setting.rpartition(".")[2]
+        act = next(act for act, its in RULE_KEYS.items() if its == key)
+        if near is None:
+            return text
+        is_guarded = bool(self._rules.of(act, near))
+        return f"{text}; near: `{near}`, which is {'guarded' if is_guarded else 'not guarded'}"
+
+
+def _matches(glob: str, known: list[str]) -> bool:
+    """Return True if a glob matches a known name, every name, or names that the graph does not list."""
+    if (
+        re.fullmatch(r"/?\*+", glob)
+        or glob.startswith(("/rosapi/", "/gate/", "/rosout"))
+        or "/_action/" in glob
+    ):
+        return True
+    return glob in known or any(map(glob_pattern((glob,)).fullmatch, known))
