@@ -63,8 +63,11 @@ export interface Marker {
 }
 
 const MOST_MARKERS = 10_000;
+const TOO_MANY = `more than ${MOST_MARKERS} markers`;
 const MOST_POINTS = 200_000;
 const MOST_LABEL = 500;
+/** Milliseconds for which markers are built at a time: keys and other messages come between. */
+const SLICE_MS = 8;
 /** Namespaces that can be switched. */
 const MOST_NAMESPACES = 50;
 /** Metres, of lines without a width. */
@@ -247,14 +250,58 @@ export function poseMarker(object: Object3D, pose: Pose): Object3D {
 
 export class MarkersLayer extends Layer {
   private readonly markers = new Map<string, { object: Object3D; timer?: ReturnType<typeof setTimeout> }>();
+  /** Markers that are not built yet, by their keys; of each the newest. */
+  private readonly pending = new Map<string, Marker>();
+  private slice: ReturnType<typeof setTimeout> | undefined;
+  /** The first fault since all was built. */
+  private fault = "";
 
   constructor(context: LayerContext) {
     super(context);
     this.hear((message) => {
+      if (!this.pending.size) this.fault = "";
       const list = (message.markers as Marker[] | undefined) ?? [message as unknown as Marker];
-      for (const marker of list) this.take(marker);
+      for (const marker of list) this.enqueue(marker);
+      this.build();
+      if (this.fault) throw new Error(this.fault);
     });
-    this.until(() => this.removeAll());
+    this.until(() => {
+      clearTimeout(this.slice);
+      this.pending.clear();
+      this.removeAll();
+    });
+  }
+
+  private enqueue(marker: Marker): void {
+    if (marker.action === 3) {
+      this.pending.clear();
+      this.removeAll();
+      return;
+    }
+    const key = `${marker.ns}\u0000${marker.id}`;
+    if (!this.pending.delete(key) && this.pending.size >= MOST_MARKERS) this.fault ||= TOO_MANY;
+    else this.pending.set(key, marker);
+  }
+
+  /** Build markers for a moment, and the others later. */
+  private build(): void {
+    clearTimeout(this.slice);
+    const end = performance.now() + SLICE_MS;
+    for (const [key, marker] of this.pending) {
+      this.pending.delete(key);
+      try {
+        this.take(key, marker);
+      } catch (error) {
+        this.fault ||= (error as Error).message;
+      }
+      if (performance.now() >= end) break;
+    }
+    if (!this.pending.size) return;
+    this.slice = setTimeout(() => {
+      this.build();
+      if (this.fault) this.problem.value = this.fault;
+      this.context.view.redraw();
+    });
   }
 
   override get objects(): readonly Object3D[] {
@@ -286,15 +333,13 @@ export class MarkersLayer extends Layer {
     this.options.value = [...options, { kind: "switch", name, label: ns || "–", usual: true }];
   }
 
-  private take(marker: Marker): void {
-    const key = `${marker.ns}\u0000${marker.id}`;
-    if (marker.action === 3) {
-      this.removeAll();
-      return;
-    }
+  private take(key: string, marker: Marker): void {
     this.remove(key);
     if (marker.action === 2) return;
-    if (this.markers.size >= MOST_MARKERS) throw new Error(`more than ${MOST_MARKERS} markers`);
+    if (this.markers.size >= MOST_MARKERS) {
+      this.fault ||= TOO_MANY;
+      return;
+    }
     const { session, view, frames } = this.context;
     const object = poseMarker(
       drawMarker(marker, session, () => view.redraw()),
