@@ -58,11 +58,11 @@ _STRING_APART: Final = re.compile(rb'("(?:[^"\\]|\\.)*+")', re.DOTALL)
 _ADDRESS: Final = ("op", "id", "service", "action")
 """Members that address the response."""
 
-_QUICK: Final = 4096
+_QUICK: Final = 1024
 """Bytes of a text that may hold any numbers."""
 
-_MOST_SLOW: Final = 1000
-"""Maximum number of slow numbers, as for payloads in :mod:`rwt_interfaces` (independent packages)."""
+_MOST_SLOW: Final = 200
+"""Maximum number of slow numbers outside of payloads. A frame may be decoded twice before it is refused."""
 _SLOW_NUMBER: Final = re.compile(rb"[eE][+-]?[0-9]{3}")
 
 

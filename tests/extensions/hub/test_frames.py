@@ -200,3 +200,8 @@ def test_a_long_reason_is_cut_between_characters(reason: str, code: int) -> None
     assert isinstance(frame, End)
     assert frame.code == code
     assert len(frame.reason.encode()) <= MAX_REASON_BYTES
+
+
+def test_the_name_of_a_feed_is_short() -> None:
+    with pytest.raises(BadFrame, match="FEED"):
+        decode_frame(encode_feed(2, FeedHead("/" * 1025)))
