@@ -155,7 +155,7 @@ async def test_every_type_of_marker_is_drawn_where_it_is(
         publisher.publish({"markers": [marker(99)]})
         await page.wait(f"{text('.scene-problems')}.includes('/marks: there is no marker of type 99')")
         publisher.publish({"markers": [marker(2, pose={"position": {"x": float("nan")}})]})
-        await page.wait(f"{text('.scene-problems')}.includes('is no place')")
+        await page.wait(f"{text('.scene-problems')}.includes('has NaN or infinite numbers')")
         publisher.publish({"markers": [marker(3, action=3)]})
         await page.picture_when(
             f"no markers {distro}", lambda seen: not any(is_magenta(seen, at) for at in spots.values())
