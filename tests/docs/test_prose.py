@@ -120,6 +120,17 @@ def test_the_first_robot_of_the_readme_is_short_and_needs_one_import() -> None:
     assert len(lines) <= 8 and sum(line.startswith(("import ", "from ")) for line in lines) == 1
 
 
+@pytest.mark.parametrize(("program", "lines"), [("car.py", 45), ("drone.py", 60), ("arm.py", 50)])
+def test_whole_robots_are_short(program: str, lines: int) -> None:
+    page = blocks_of(ROOT / "docs/how-to/three-robots.md")
+    block = next(block for block in page if block.value("file") == program)
+    assert len(block.code.strip().splitlines()) <= lines
+    assert not re.search(r"anyio|getattr|\.node\b(?!\()", block.code)
+    tests = [block for block in page if block.value("run") == "pytest"]
+    assert len(tests) == 3
+    assert all(len(test.code.strip().splitlines()) <= 25 for test in tests)
+
+
 # -- events --------------------------------------------------------------------------------------------------
 
 
