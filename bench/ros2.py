@@ -7,6 +7,10 @@ Python. COMMAND starts another rosbridge server on the port that is added to it,
 All servers subscribe to the same publisher and send JSON to as many clients; so does the floor, a bare loop
 that takes samples and sends a prepared frame. Only the CPU time of the server processes counts (user and
 system), so that other load of the machine matters little.
+
+After that, the latency from the stamp of a message to its arrival is measured at one client of this server,
+and at a bare subscription of rclpy at the same time: p50 and p99, each the median of five parts of the run.
+It counts all processes on the way, and on a busy machine mostly their waits for a CPU.
 """
 
 from __future__ import annotations
@@ -19,9 +23,11 @@ import shlex
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import AsyncExitStack, ExitStack, closing, contextmanager, suppress
 from pathlib import Path
+from statistics import median
 from typing import Final, NamedTuple
 
 import websockets
@@ -100,11 +106,21 @@ CASES: Final = {
 }
 
 _PUBLISH: Final = """
+import time
 from {package}.msg import {name}
 message = {name}()
 {fill}
 publisher = node.create_publisher({name}, '/measured', 10)
-timer = node.create_timer(1 / {hertz}, lambda: publisher.publish(message))
+
+def publish():
+    now = time.monotonic_ns()
+    if hasattr(message, 'header'):
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(now, 10**9)
+    else:
+        message.linear.x = float(now)
+    publisher.publish(message)
+
+timer = node.create_timer(1 / {hertz}, publish)
 """
 
 _SERVE: Final = """
@@ -115,9 +131,13 @@ service = node.create_service(Trigger, '/measured', lambda request, response: re
 _COLUMNS: Final = ("rwt", "floor", "other", "suite")
 
 HEAD: Final = (
-    "| messages | Hz | rwt, µs | floor, µs | other, µs | rosbridge_suite, µs | quotient | limit |\n"
-    "|---|---:|---:|---:|---:|---:|---:|---:|\n"
+    "| messages | Hz | rwt, µs | floor, µs | other, µs | rosbridge_suite, µs | quotient | limit"
+    " | rwt p50, ms | p99 | rclpy p50, ms | p99 |\n"
+    "|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|\n"
 )
+
+#: Parts of a run of which the median counts.
+_PARTS: Final = 5
 
 #: Seconds before the measurement, in which both servers discover the publisher.
 _SETTLE_SECONDS: Final = 3.0
@@ -231,6 +251,48 @@ async def measure(case: Case, servers: dict[str, tuple[int, str]], seconds: floa
     return found
 
 
+def measure_latency(case: Case, url: str, seconds: float) -> list[tuple[float, float]]:
+    """Return p50 and p99 of the latency in milliseconds, of this server and of a bare subscription."""
+    package, _, name = case.type.split("/")
+    with ExitStack() as stack:
+        program = stack.enter_context(
+            closing(
+                Program(sys.executable, "tests.extensions.ros2.live.program", environment=dict(os.environ))
+            )
+        )
+        program.run(_PUBLISH.format(package=package, name=name, fill=case.fill, hertz=case.hertz))
+        readers = [
+            stack.enter_context(
+                subprocess.Popen(
+                    [sys.executable, "-m", "bench.peers.latencies", source, case.type],
+                    stdin=subprocess.PIPE,
+                    stdout=subprocess.PIPE,
+                    text=True,
+                )
+            )
+            for source in (url, "rclpy")
+        ]
+        time.sleep(_SETTLE_SECONDS)
+        for reader in readers:
+            assert reader.stdin is not None
+            reader.stdin.write("begin\n")
+            reader.stdin.flush()
+        time.sleep(seconds)
+        return [_quantiles(json.loads(reader.communicate()[0])) for reader in readers]
+
+
+def _quantiles(latencies: list[int]) -> tuple[float, float]:
+    """Return the medians of p50 and p99 of the parts of a run, in milliseconds."""
+    size = len(latencies) // _PARTS
+    if not size:
+        raise RuntimeError("too few messages have arrived")
+    parts = [sorted(latencies[i * size : (i + 1) * size]) for i in range(_PARTS)]
+    return (
+        median(part[size // 2] for part in parts) / 1e6,
+        median(part[size * 99 // 100] for part in parts) / 1e6,
+    )
+
+
 async def run(cases: list[str], workspace: Path | None, other: str, seconds: float) -> str:
     """Return the figures of all cases as a table."""
     rows = []
@@ -251,11 +313,13 @@ async def run(cases: list[str], workspace: Path | None, other: str, seconds: flo
             if other:
                 servers["other"] = stack.enter_context(other_server(other))
             found = await measure(case, servers, seconds)
+            delays = [] if case.is_service else measure_latency(case, url, seconds)
         row = [case.title, f"{case.hertz}"]
         row += [f"{found[server]:,.0f}" if server in found else "" for server in _COLUMNS]
         if "suite" in found:
             row += [f"1/{found['suite'] / found['rwt']:.1f}", f"1/{1 / case.limit:.0f}"]
-        rows.append(row + [""] * (len(_COLUMNS) + 4 - len(row)))
+        row += [""] * (len(_COLUMNS) + 4 - len(row))
+        rows.append(row + ([f"{each:.1f}" for pair in delays for each in pair] or [""] * 4))
         print(" | ".join(rows[-1]), flush=True)
     return HEAD + "".join(f"| {' | '.join(row)} |\n" for row in rows)
 

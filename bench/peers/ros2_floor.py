@@ -57,7 +57,7 @@ def serve(topic: str, type_name: str) -> None:
     subscription = _rclpy.Subscription(node.handle, made, topic, to_ros(QoS(depth=10)))
     waiting = select.epoll()
     descriptor = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
-    wakeup = Wakeup("subscription", subscription, lambda: False, descriptor)
+    wakeup = Wakeup("subscription", subscription, lambda _: False, descriptor)
     waiting.register(descriptor, select.EPOLLIN | select.EPOLLET)
     assert wakeup.set_callback(load_rcl())
     with socket.create_server(("127.0.0.1", 0), backlog=100) as listener:

@@ -13,9 +13,11 @@ from __future__ import annotations
 import asyncio
 import ctypes
 import logging
+import math
 import os
 import select
 import threading
+import time
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from functools import partial
@@ -46,6 +48,10 @@ SETTERS: dict[Kind, str] = {
 #: loop.
 _BATCH = 64
 
+#: Time after which a turn takes at most one from each further endpoint, in seconds. Clients get what a turn
+#: has taken at its end: without a limit, ten large messages that were waiting arrive with the last one.
+_TURN_SECONDS = 0.005
+
 #: Maximum descriptors of one graph.
 MOST_DESCRIPTORS = 256
 
@@ -72,13 +78,14 @@ class Wakeup:
     """Notification of one endpoint.
 
     Args:
-        drain: takes what has arrived, on the graph's thread; returns True if more may be waiting.
+        drain: takes what has arrived until a time of `time.monotonic`, on the graph's thread; returns True if
+            more may be waiting.
         descriptor: of an eventfd, which others may share.
     """
 
     __slots__ = ("_clear", "descriptor", "drain", "endpoint", "kind")
 
-    def __init__(self, kind: Kind, endpoint: Any, drain: Callable[[], bool], descriptor: int) -> None:
+    def __init__(self, kind: Kind, endpoint: Any, drain: Callable[[float], bool], descriptor: int) -> None:
         self.kind = kind
         self.endpoint = endpoint
         self.drain = drain
@@ -123,10 +130,14 @@ class Inbox(Generic[T]):
         self._take = take
         self._handle = handle
         self._wakeups = wakeups
-        self._wakeup = wakeups.add(kind, endpoint, self.take)
+        self._wakeup = wakeups.add(kind, endpoint, self.drain)
 
-    def take(self, most: int = _BATCH) -> bool:
-        """Handle what is waiting; returns True if it has stopped at the limit."""
+    def drain(self, until: float) -> bool:
+        """Handle what is waiting, for one turn; returns True if more may be waiting."""
+        return self.take(_BATCH, until)
+
+    def take(self, most: int, until: float = math.inf) -> bool:
+        """Handle what is waiting, at least one; returns True if it has stopped at a limit."""
         for _ in range(most):
             taken = self._take()
             if taken is None:
@@ -134,6 +145,8 @@ class Inbox(Generic[T]):
             self._handle(taken)
             if self.is_closed:
                 return False
+            if time.monotonic() >= until:
+                return True
         return True
 
     def close(self) -> None:
@@ -194,7 +207,7 @@ class Wakeups:
             await anyio.wait_readable(self._epoll.fileno())
             self._drain()
 
-    def add(self, kind: Kind, endpoint: Any, drain: Callable[[], bool]) -> Wakeup:
+    def add(self, kind: Kind, endpoint: Any, drain: Callable[[float], bool]) -> Wakeup:
         """Call `drain` on the graph's thread whenever something has arrived at an endpoint."""
         wakeup = Wakeup(kind, endpoint, drain, self._descriptor())
         self._wakeups[wakeup.descriptor].append(wakeup)
@@ -241,12 +254,13 @@ class Wakeups:
         if len(ready) > 1:
             # A goal's feedback before its result, which is a response.
             ready.sort(key=_is_of_call)
+        until = time.monotonic() + _TURN_SECONDS
         for wakeup in ready:
             descriptor = wakeup.descriptor
             if wakeup not in self._wakeups.get(descriptor, ()):
                 continue  # Removed by an earlier one of this turn.
             try:
-                more = wakeup.drain()
+                more = wakeup.drain(until)
             except Exception:
                 logger.exception("an endpoint of ROS 2 failed")
                 more = False
