@@ -106,7 +106,7 @@ WITH_ROS2 = AMENT_PREFIX_PATH=$(abspath $(ROS2)) LD_LIBRARY_PATH=$(abspath $(ROS
 test-ros2: $(STAMP)-dev $(ROS2)/.installed $(if $(NODE_20),$(BROWSER)/node_modules/.installed)
 	$(WITH_ROS2) tests $(or $(FILES),tests/extensions/ros2/live tests/contract/graph) $(if $(ARGS),-- $(ARGS))
 
-# Those that CI runs, without the thousand clients in turn: 3.5 minutes of CPU.
+# Those that CI runs, without the thousand clients in turn: 3.5 minutes of CPU, and the scene with restarts.
 test-ros2-ci:
 	@if $(MAKE) --silent $(ROS2)/.installed; then $(MAKE) test-ros2 ARGS='-k "not thousand"'; \
 	else echo 'SKIPPED: tests beside real ROS 2. Its wheels, for Linux on x86-64 and CPython 3.11, cannot be installed.'; fi
@@ -137,7 +137,8 @@ test-mavlink: $(STAMP)-test
 bench-ros2: $(STAMP)-dev $(ROS2)/.installed
 	$(WITH_ROS2) bench.ros2 $(SUITE) $(ARGS)
 
-# A robot with a program for each sensor, and all kinds of clients; `make ros2-scene ARGS='--seconds 60'` for a minute.
+# A robot with a program for each sensor, which is restarted each minute, and all kinds of clients, for an hour; with
+# `make ros2-scene ARGS='--seconds 300 --restart 20'` for five minutes with a restart every 20 s.
 ros2-scene: $(STAMP)-dev $(ROS2)/.installed
 	$(WITH_ROS2) bench.ros2_scene $(ARGS)
 

@@ -3,16 +3,19 @@
 Every sensor is a ROS 2 program of its own: odometry at 50 Hz, a laser scanner at 10 Hz, a camera at 30 Hz,
 transforms at 50 Hz if `tf2_msgs` is installed, and a base that reads `/cmd_vel`. One server joins them, with
 a gate. A browser shows the dashboard with the camera by WebRTC, a Foxglove client reads all sensors and
-reconnects again and again, an agent looks and drives over MCP, and an operator drives too fast.
+reconnects again and again, an agent looks and drives over MCP, and an operator drives too fast. The program
+of a sensor or of the base is restarted at an interval, in turn with a farewell and by SIGKILL.
 
 Memory, descriptors and threads of the server and its endpoints are noted. Exits with 1 if they have grown, if
-a client has received too little, or if the base was ever faster than the gate permits. Growth of memory is
-judged from ten minutes on; a shorter run shows only that the scene works.
+a client has received too little, if a topic does not come back to its clients after a restart, or if the base
+was ever faster than the gate permits. Memory is judged from ten minutes on; a shorter run shows only
+that the scene works.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import logging
 import os
@@ -25,6 +28,7 @@ from collections import Counter
 from collections.abc import AsyncIterator, Iterator
 from contextlib import ExitStack, asynccontextmanager, closing, contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -93,6 +97,7 @@ from geometry_msgs.msg import Twist
 speeds = []
 subscription = node.create_subscription(Twist, '/cmd_vel', lambda m: speeds.append(m.linear.x), 10)
 """
+COMMANDS: Final = "/cmd_vel"
 _SPEEDS: Final = "result = [len(speeds), max(map(abs, speeds), default=0.0)]"
 _ENDPOINTS: Final = """
 result = sum(node.count_publishers(name) + node.count_subscribers(name)
@@ -130,6 +135,8 @@ ROOM_BYTES: Final = 8 * 2**20
 """Growth of memory that counts as flat: what an allocator may keep."""
 LEAST: Final = 0.2
 """Share of the messages that a client must receive: a busy machine drops some."""
+BACK_SECONDS: Final = 30.0
+"""Time in which a topic comes back after a restart: the lease of a killed program, and a reconnection."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,16 +158,20 @@ class Scene:
         received: messages by client and topic, and answers of the robot to the agent.
         speeds: number of commands that the base has received, and the fastest.
         errors: lines of the server's log that report errors.
+        restarts: seconds that each topic took to come back after a restart of its program.
+        lost: topics that have not come back.
     """
 
     samples: list[Sample] = field(default_factory=list)
     received: Counter[str] = field(default_factory=Counter)
     speeds: tuple[int, float] = (0, 0.0)
     errors: list[str] = field(default_factory=list)
+    restarts: list[float] = field(default_factory=list)
+    lost: list[str] = field(default_factory=list)
 
     def verdict(self, seconds: float, topics: list[str], *, has_browser: bool) -> list[str]:
         """Return what is wrong, in words."""
-        wrong = [*self.errors]
+        wrong = [*self.errors, *(f"{each} has not come back after a restart" for each in self.lost)]
         for topic in topics:
             least = SENSORS[topic].hertz * seconds * LEAST
             if self.received[f"Foxglove {topic}"] < least:
@@ -195,21 +206,85 @@ def _program(statements: str) -> Iterator[Program]:
         yield program
 
 
-def _start_sensors(stack: ExitStack) -> list[str]:
-    """Start a program for each sensor whose messages are installed; return their topics."""
-    topics = []
-    for topic, (hertz, type, fill, qos) in SENSORS.items():
-        package, _, name = type.split("/")
-        text = _PUBLISH.format(package=package, name=name, fill=fill, topic=topic, hertz=hertz, qos=qos)
-        try:
-            stack.enter_context(_program(text))
-        except RuntimeError as error:
-            if "ModuleNotFoundError" not in str(error):
-                raise
-            print(f"{topic} is left out: {package} is not installed")
+class Robot:
+    """Programs of the robot, which can be restarted.
+
+    Attributes:
+        sensors: running programs by topic.
+        base: program that reads `/cmd_vel`.
+    """
+
+    def __init__(self, stack: ExitStack) -> None:
+        self._stacks: dict[str, ExitStack] = {}
+        self._speeds: list[tuple[int, float]] = []
+        stack.callback(self._stop)
+        self.sensors: dict[str, Program] = {}
+        self.base = self._start(COMMANDS, _BASE)
+        for topic, sensor in SENSORS.items():
+            try:
+                self.sensors[topic] = self._start(topic, _publishing(topic))
+            except RuntimeError as error:
+                if "ModuleNotFoundError" not in str(error):
+                    raise
+                print(f"{topic} is left out: {sensor.type.partition('/')[0]} is not installed")
+
+    def _stop(self) -> None:
+        for each in self._stacks.values():
+            each.close()
+
+    def _start(self, topic: str, statements: str) -> Program:
+        self._stacks[topic] = ExitStack()
+        return self._stacks[topic].enter_context(_program(statements))
+
+    def restart(self, topic: str, *, kill: bool) -> None:
+        """Restart the program of a topic, after a farewell or by SIGKILL."""
+        program = self.base if topic == COMMANDS else self.sensors[topic]
+        if topic == COMMANDS:
+            self._speeds.append(tuple(program.run(_SPEEDS)))
+        if kill:
+            program.kill()
+        self._stacks[topic].close()
+        if topic == COMMANDS:
+            self.base = self._start(topic, _BASE)
         else:
-            topics.append(topic)
-    return topics
+            self.sensors[topic] = self._start(topic, _publishing(topic))
+
+    def speeds(self) -> tuple[int, float]:
+        """Return the number of commands that the base has received, and the fastest."""
+        found = [*self._speeds, tuple(self.base.run(_SPEEDS))]
+        return sum(count for count, _ in found), max(fastest for _, fastest in found)
+
+
+def _publishing(topic: str) -> str:
+    hertz, type, fill, qos = SENSORS[topic]
+    package, _, name = type.split("/")
+    return _PUBLISH.format(package=package, name=name, fill=fill, topic=topic, hertz=hertz, qos=qos)
+
+
+def _received(robot: Robot, scene: Scene, topic: str) -> int:
+    """Return how many messages of a topic have arrived: at Foxglove, or commands at the base."""
+    return int(robot.base.run(_SPEEDS)[0]) if topic == COMMANDS else scene.received[f"Foxglove {topic}"]
+
+
+def _has_more(robot: Robot, scene: Scene, topic: str, before: int) -> bool:
+    return _received(robot, scene, topic) > before
+
+
+async def _restarts(robot: Robot, scene: Scene, interval: float) -> None:
+    """Restart one program after the other, and note how long its topic takes to come back."""
+    for number in itertools.count():
+        await anyio.sleep(interval)
+        topics = [*robot.sensors, COMMANDS]
+        topic = topics[number % len(topics)]
+        await anyio.to_thread.run_sync(partial(robot.restart, topic, kill=number % 2 == 1))
+        before, began = _received(robot, scene, topic), time.monotonic()
+        is_back = partial(_has_more, robot, scene, topic, before)
+        try:
+            await until(is_back, seconds=BACK_SECONDS)
+        except TimeoutError:
+            scene.lost.append(topic)
+        else:
+            scene.restarts.append(round(time.monotonic() - began, 1))
 
 
 async def _foxglove(url: str, scene: Scene, topics: list[str]) -> None:
@@ -297,14 +372,15 @@ async def _browser_page(url: str) -> AsyncIterator[Page | None]:
             yield page
 
 
-async def run(seconds: float, interval: float) -> tuple[Scene, list[str]]:
+async def run(seconds: float, interval: float, restart: float) -> tuple[Scene, list[str]]:
     """Run the scene; return what has happened, and what is wrong with it."""
     scene = Scene()
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         (folder / "robot.toml").write_text(SETTINGS, encoding="utf-8")
-        base = stack.enter_context(_program(_BASE))
-        topics = _start_sensors(stack)
+        watcher = stack.enter_context(_program(""))
+        robot = Robot(stack)
+        topics = [*robot.sensors]
         arguments = ("serve", "--graph", "ros2", "ws://127.0.0.1:0", "--config", f"{folder}/robot.toml")
         environment = {"PYTHONPATH": os.environ.get("PYTHONPATH", "")}
         log = stack.enter_context((folder / "log").open("w+", encoding="utf-8"))
@@ -334,12 +410,14 @@ async def run(seconds: float, interval: float) -> tuple[Scene, list[str]]:
             except TimeoutError:
                 raise TimeoutError(f"these have received nothing: {', '.join(missing())}") from None
             scene.received.clear()
+            if restart:
+                tasks.start_soon(_restarts, robot, scene, restart)
             began = time.monotonic()
             while (after := time.monotonic() - began) < seconds:
-                scene.samples.append(_sample(after, server.pid, base))
+                scene.samples.append(_sample(after, server.pid, watcher))
                 print(json.dumps(_figures(scene)), flush=True)
                 await anyio.sleep(interval)
-            scene.speeds = tuple(base.run(_SPEEDS))
+            scene.speeds = robot.speeds()
             log.seek(0)
             scene.errors = [line.strip() for line in log if _ERROR.search(line)]
             tasks.cancel_scope.cancel()
@@ -372,11 +450,15 @@ def main() -> int:
     )
     parser.add_argument("--seconds", type=float, default=3600.0, help="length of the run")
     parser.add_argument("--interval", type=float, default=20.0, help="seconds between two samples")
+    parser.add_argument(
+        "--restart", type=float, default=60.0, help="seconds between two restarts; 0 for none"
+    )
     arguments = parser.parse_args()
     os.environ.setdefault("ROS_DOMAIN_ID", str(free_domain()))
     logging.basicConfig(level=logging.ERROR)  # The gate's warnings for the operator are expected.
-    scene, wrong = anyio.run(run, arguments.seconds, arguments.interval)
+    scene, wrong = anyio.run(run, arguments.seconds, arguments.interval, arguments.restart)
     print(f"the base: {scene.speeds[0]:,} commands, up to {scene.speeds[1]} m/s")
+    print(f"{len(scene.restarts)} restarts; seconds until a topic came back: {sorted(scene.restarts)}")
     print("\n".join(wrong) or "nothing has grown, and every client was served")
     return 1 if wrong else 0
 
