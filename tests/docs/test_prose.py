@@ -188,6 +188,13 @@ def test_pages_install_from_a_clone_while_there_is_no_release() -> None:
         assert not extra or extra in extras, f"{page}: there is no extra {extra}"
 
 
+@pytest.mark.parametrize("page", ["how-to/embed.md", "how-to/test-an-app.md", "start/robot-maker.md"])
+def test_pages_that_install_a_robot_say_how_it_gets_its_dashboard(page: str) -> None:
+    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+    assert "pip install ." in text
+    assert "npm ci --prefix web && npm run --prefix web build" in " ".join(text.split())
+
+
 def test_error_messages_name_the_extra() -> None:
     named = {
         word
