@@ -328,6 +328,10 @@ Attach = Callable[[Link, str, int], object]
 :meth:`Link.set_callbacks` before it returns."""
 
 
+OWNER_ONLY: Final = 0o600
+"""Permissions of the file of a Unix socket that only programs of the same user can connect to."""
+
+
 @dataclass(frozen=True, slots=True)
 class BindAddress:
     """Address that a driver listens on.
@@ -336,6 +340,7 @@ class BindAddress:
         host: name or address, for TCP.
         port: TCP port; 0 lets the system choose.
         path: path of a Unix socket; the host is then empty.
+        mode: permissions of the file of a Unix socket.
         tls: encrypts the connections; None for plain connections.
         shared: True if other processes of this user listen on the same TCP port.
         handshake_seconds: timeout of a TLS handshake.
@@ -347,6 +352,7 @@ class BindAddress:
     host: str = ""
     port: int = 0
     path: str = ""
+    mode: int = OWNER_ONLY
     tls: SSLContext | None = None
     shared: bool = False
     handshake_seconds: float = 10.0

@@ -8,7 +8,7 @@ from dataclasses import replace
 from functools import partial
 from ssl import SSLContext
 
-from rwt_transports.api import Driver
+from rwt_transports.api import OWNER_ONLY, Driver
 from rwt_transports.connection import ListenerState
 from rwt_transports.endpoint import Accept, Admit, Identify, anonymous
 from rwt_transports.errors import BadUrl
@@ -58,6 +58,7 @@ async def listen(
     tls: SSLContext | None = None,
     bson: bool = False,
     shared: bool = False,
+    socket_mode: int = OWNER_ONLY,
 ) -> AsyncIterator[Listener]:
     """Accept peers on `url` within the block, for example ``ws://127.0.0.1:9090``; port 0 picks a free one.
 
@@ -82,6 +83,7 @@ async def listen(
         bson: True if every message is a BSON document; on a stream it says itself where it ends (BSN-03).
         shared: True if other processes listen on the same TCP port, see
             :func:`rwt_transports.shared_port.hold_port`.
+        socket_mode: permissions of the file of a Unix socket; clients need the right to write.
         driver: driver of the connections; by default the fastest for the scheme and the event loop.
 
     Raises:
@@ -116,6 +118,7 @@ async def listen(
     bound = replace(
         target.address,
         shared=shared,
+        mode=socket_mode,
         addresses=addresses,
         handshake_seconds=chosen.handshake_seconds,
         is_held_back=state.buffers.has_much_unread,

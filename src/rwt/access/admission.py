@@ -185,8 +185,12 @@ class Admission:
     def _role(self, info: PeerInfo) -> Role | None:
         role = self.role_of(info)
         if role is None and self.rosauth is None:
-            raise self._refused(info, 401, f"a bearer token is needed (auth.tokens): {_HOW}")
+            raise self.refused_without_token(info, "auth.tokens")
         return role
+
+    def refused_without_token(self, info: PeerInfo, setting: str) -> Refused:
+        """Count and log the refusal of a client without a token, and return it."""
+        return self._refused(info, 401, f"a bearer token is needed ({setting}): {_HOW}")
 
     def role_of_token(self, info: PeerInfo) -> Role | None:
         """Return the role of an HTTP request by its token; None without a token.

@@ -84,6 +84,7 @@ class Listeners:
             tls=self._tls,
             bson=self._settings.bson_only_mode,
             shared=self._worker is not None,
+            socket_mode=int(self._settings.socket_mode, 8),
         )
 
     def port(self, loopback: bool) -> tuple[Accept, PortOptions]:
@@ -128,6 +129,7 @@ class Listeners:
             loopback=is_loopback_listener(url),
             gather=gather,
             proxies=self.proxies,
+            metrics_need_token=self._settings.metrics_need_token,
         )
         if self._mounts is not None:
             self._mounts.add_to(found, secure=url.startswith("wss:"))

@@ -55,6 +55,7 @@ def routes(
     loopback: bool = True,
     gather: Gather | None = None,
     proxies: Proxies = NO_PROXIES,
+    metrics_need_token: bool = False,
 ) -> Routes:
     """Return the routes of the server, its nodes and gateways; `gather` joins metrics of worker processes.
 
@@ -65,7 +66,9 @@ def routes(
     own: tuple[Route[GraphView], ...] = (
         Route("/healthz", lambda request, reader: _health(bridge, metrics, proxies), Audience.ANYBODY),
         Route("/network", lambda request, reader: _network(bridge), Audience.EVERY_TOPIC),
-        Route("/metrics", partial(_metrics, metrics, bridge.scheduler, gather), Audience.EVERY_TOPIC),
+        Route(
+            "/metrics", partial(_metrics, metrics, bridge, gather, metrics_need_token), Audience.EVERY_TOPIC
+        ),
         Route("/index", index, Audience.ADMITTED),
     )
     brought = [route for extension in extensions for route in extension.routes]
@@ -285,12 +288,16 @@ def _host_and_port(address: str) -> tuple[str, str]:
 
 async def _metrics(
     metrics: ServerMetrics,
-    scheduler: Scheduler,
+    bridge: Bridge,
     gather: Gather | None,
+    needs_token: bool,
     request: HttpRequest,
     reader: GraphView,
 ) -> HttpResponse:
-    text = await scheduler.finish(_charged(metrics.text_in_steps(), reader))
+    if needs_token and not reader.role.token:
+        refused = bridge.access.admission.refused_without_token(peer_of(request), "metrics_need_token")
+        return HttpResponse.refusing(refused)
+    text = await bridge.scheduler.finish(_charged(metrics.text_in_steps(), reader))
     return HttpResponse(text if gather is None else await gather(text), content_type=CONTENT_TYPE)
 
 

@@ -253,6 +253,16 @@ class Settings(BridgeSettings):
         ),
     ] = ("x-forwarded-for", "x-forwarded-proto")
     access_log: bool = Field(False, description="log each HTTP request")
+    metrics_need_token: bool = Field(
+        False,
+        description="serve `/metrics` only to clients with a token, whatever `auth.default_role` is",
+    )
+    socket_mode: str = Field(
+        "600",
+        pattern=r"^0?[0-7]{3}$",
+        description="permissions of the files of `unix://` listeners, in octal digits; clients need the right"
+        " to write, such as `660` for those of the file's group",
+    )
     limits: LimitSettings = LimitSettings.model_construct()
     tls: TlsSettings = TlsSettings.model_construct()
     graph: Annotated[

@@ -18,7 +18,7 @@ from typing import Final, TypeVar
 import anyio
 import anyio.lowlevel
 
-from rwt_transports.api import BindAddress, Delivery, HangUp
+from rwt_transports.api import OWNER_ONLY, BindAddress, Delivery, HangUp
 from rwt_transports.errors import ListenError
 from rwt_transports.http.addresses import holder_of
 from rwt_transports.shared_pool import PoolRow, SharedPool
@@ -174,7 +174,7 @@ async def bind(address: BindAddress) -> tuple[list[socket.socket], int]:
         ListenError: the address is not available.
     """
     if address.path:
-        return [bind_unix(address.path)], 0
+        return [bind_unix(address.path, address.mode)], 0
     sockets = await bind_tcp(address.host, address.port, shared=address.shared)
     return sockets, int(sockets[0].getsockname()[1])
 
@@ -229,8 +229,11 @@ def _bind(family: int, address: tuple[str, int], *, shared: bool) -> socket.sock
     return bound
 
 
-def bind_unix(path: str) -> socket.socket:
+def bind_unix(path: str, mode: int = OWNER_ONLY) -> socket.socket:
     """Return a Unix socket bound to `path`; replace one that no process serves any longer.
+
+    Args:
+        mode: permissions of the socket; connecting requires the right to write.
 
     Raises:
         ListenError: the path is not available.
@@ -243,6 +246,7 @@ def bind_unix(path: str) -> socket.socket:
         if _is_abandoned(path):
             os.unlink(path)
         bound.bind(path)
+        os.chmod(path, mode)  # Nobody can connect before `listen`.
     except OSError as error:
         bound.close()
         if error.errno == errno.EADDRINUSE:
