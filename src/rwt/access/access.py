@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from functools import partial
 from types import MappingProxyType
@@ -24,7 +25,7 @@ from rwt_transports.http.routes import is_local
 from rwt_transports.shared_pool import Holder
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Mapping
 
     from rwt.access.gate.client_gate import ClientGate
     from rwt.access.gate.gate import Gate
@@ -134,10 +135,22 @@ class Access:
             self.gate.replace_rules(settings.gate)
         elif settings.gate.is_on:
             raise SettingsError("`gate.rules`: a server without a gate requires a restart for one")
+        before = self.admission.changeable()
         replace()
+        self._note_changes(before, self.admission.changeable())
         for key, response in tuple(self._open_responses.items()):
             if (reason := self._reason_to_end(response)) and self._open_responses.pop(key, None) is not None:
                 response.end(reason)
+
+    def _note_changes(self, before: Mapping[str, object], now: Mapping[str, object]) -> None:
+        """Log which roles and credentials a reload has changed, also in the audit of the gate."""
+        changed = [key for key in {**before, **now} if before.get(key) != now.get(key)]
+        if not changed:
+            return
+        text = f"access replaced; changed are {', '.join(changed)}"
+        self.audit.write(logging.INFO, "%s", text)
+        if self.gate is not None:
+            self.gate.recorder.note("reload", "reload", "", None, text)
 
     def close(self) -> None:
         """Leave the graph, and flush the audit file."""

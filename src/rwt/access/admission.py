@@ -107,6 +107,15 @@ class Admission:
         self.default_role: Role | None = known[name] if name else None
         self._origins = Origins(settings.origins.allow)
 
+    def changeable(self) -> Mapping[str, object]:
+        """Return what a reload may change, by the key of the setting; for comparison."""
+        return {
+            **{f"roles.{name}": role.globs for name, role in self.roles.items()},
+            **{f"auth.tokens.{role.credential}": (digest, role.name) for digest, role in self._tokens},
+            "auth.default_role": self.default_role and self.default_role.name,
+            "auth.rosauth_secret_file": self.rosauth is not None,
+        }
+
     def role_now(self, info: PeerInfo, by_auth: str | None) -> Role:
         """Return the role of a connected client after the settings were replaced.
 

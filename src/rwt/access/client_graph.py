@@ -372,13 +372,28 @@ class ClientGraph(GraphView):
         return self.require(act, name)
 
     def withdraw_refused(self) -> None:
-        """Withdraw the client's topics, services and actions that its role no longer allows."""
+        """Withdraw what the client's role no longer allows, and tell it why (:meth:`tell_ended`)."""
+        on_ended = self._on_ended or (lambda kind, name, reason: None)
         for topic, marks in tuple(self._advertised.items()):
-            if not self.role.allows("publish", topic):
+            if reason := self._refusal("publish", topic):
                 self._release(topic, tuple(marks))
+                on_ended("topic", topic, reason)
         for kind, name in tuple(self._offers):
-            if not self.role.allows("provide", name):
+            if reason := self._refusal("provide", name):
                 self._withdraw(kind, name)
+                on_ended(kind, name, reason)
+
+    def _refusal(self, act: Act, name: str) -> str:
+        """Return why the role does not allow what it allowed before; empty if it does."""
+        try:
+            self.role.require(act, name)
+        except NotAllowed as refused:
+            return f"the settings have changed: {refused}"
+        return ""
+
+    def why_not_subscribe(self, topic: str) -> str:
+        """Return why a subscription has to end after a change of role; empty if it may stay."""
+        return "" if self.may_subscribe(topic) else self._refusal("subscribe", resolve(topic))
 
     @property
     def counters(self) -> Counters:

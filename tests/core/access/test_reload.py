@@ -6,6 +6,7 @@ import asyncio
 import datetime
 import ipaddress
 import json
+import logging
 import signal
 import ssl
 import sys
@@ -57,8 +58,12 @@ async def heard(client: ClientConnection) -> dict[str, Any]:
 
 
 @pytest.mark.anyio
-async def test_roles_of_connected_clients_change_and_what_they_refuse_ends() -> None:
-    now = settings(FREE)
+async def test_roles_of_connected_clients_change_and_what_they_refuse_ends(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO)
+    gate = {"audit": {"file": tmp_path / "audit.jsonl"}}
+    now = settings(FREE, gate=gate)
     server = Server("ws://127.0.0.1:0", settings=now, reload=lambda: now)
     async with server, asking(server.urls[0]) as client:
         await ask(client, "set_level", level="error")
@@ -70,9 +75,17 @@ async def test_roles_of_connected_clients_change_and_what_they_refuse_ends() -> 
         assert (await heard(client))["msg"] == {"data": "1"}
         assert server.graph.service("/offered") is not None
 
-        now = settings(NARROW)
+        now = settings(NARROW, gate=gate)
         server.reload()
         assert server.graph.service("/offered") is None
+        told = [(await heard(client))["msg"] for _ in range(3)]
+        assert [text.partition(":")[0] for text in told] == ["subscribe", "advertise", "advertise_service"]
+        assert all("the settings have changed: role 'pilot' may not" in text for text in told)
+        for right in ("subscribe", "publish", "provide"):
+            assert caplog.text.count(f"roles.pilot.{right}") == 1
+        assert "access replaced; changed are roles.pilot" in caplog.text
+        audited = [json.loads(line) for line in (tmp_path / "audit.jsonl").read_text().splitlines()]
+        assert "access replaced; changed are roles.pilot" in str(audited)
         robot = server.node("robot")
         robot.publish("/secret", {"data": "2"}, "std_msgs/String")
         await ask(client, "publish", topic="/secret", id="p", msg={"data": "3"})
@@ -80,7 +93,7 @@ async def test_roles_of_connected_clients_change_and_what_they_refuse_ends() -> 
         await ask(client, "publish", topic="/free", msg={"data": "4"})
         assert (await heard(client))["topic"] == "/free"
 
-        now = settings(FREE)
+        now = settings(FREE, gate=gate)
         server.reload()
         await ask(client, "subscribe", topic="/secret", type="std_msgs/String")
         await ask(client, "publish", topic="/secret", msg={"data": "5"})

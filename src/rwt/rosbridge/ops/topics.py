@@ -139,11 +139,10 @@ class PeerTopics:
         self._publishers.clear()
 
     def end_refused(self) -> None:
-        """End the subscriptions that the client's role does not allow."""
-        for name, subscription in tuple(self._subscriptions.items()):
-            if not self._graph.may_subscribe(name):
-                subscription.close()
-                del self._subscriptions[name]
+        """End the subscriptions that the client's role does not allow, and tell it why."""
+        for name in tuple(self._subscriptions):
+            if reason := self._graph.why_not_subscribe(name):
+                self._ended(name, reason)
 
     def subscribe(self, op: Subscribe) -> Steps | None:
         """Subscribe the client to a topic (SUB-01 … SUB-14); large latched samples are encoded in steps."""
