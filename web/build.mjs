@@ -92,8 +92,11 @@ async function buildAll() {
   mkdirSync(join(out, "web"), { recursive: true });
   bundled.clear();
 
-  const worker = await bundleAlone("src/decode/worker.ts", "web");
-  const recordingWorker = await bundleAlone("src/decode/recording_worker.ts", "web");
+  const planes = {
+    CLOUD_PLANES: JSON.stringify(await bundleAlone("src/decode/cloud_planes_script.ts", "web")),
+  };
+  const worker = await bundleAlone("src/decode/worker.ts", "web", { define: planes });
+  const recordingWorker = await bundleAlone("src/decode/recording_worker.ts", "web", { define: planes });
   const worklet = await bundleAlone("src/device/microphone_worklet.ts", "web");
   const page = await bundle({
     entryPoints: { app: "src/app/main.tsx" },
@@ -149,8 +152,9 @@ function buildPages() {
 /** The decoding worker as a text: a page of another origin may start no worker from a file of this one. */
 async function workerSource() {
   const { outputFiles } = await bundle({
-    entryPoints: ["src/decode/worker.ts"],
+    entryPoints: ["src/decode/inline_worker.ts"],
     format: "iife",
+    define: { CLOUD_PLANES: '""' },
     write: false,
     outdir: out,
   });

@@ -12,6 +12,7 @@ import pytest
 
 from rwt import Server
 from rwt_graph import Node
+from rwt_interfaces.point_clouds import compressed
 from rwt_participant.qos import LATCHED
 from tests.browser.driver import LEFT_MESH, LEFT_STREAM, Browser, Page
 from tests.browser.test_panels import open_panels, release, text, violations
@@ -116,6 +117,32 @@ async def test_a_cloud_is_coloured_by_the_field_and_palette_that_are_chosen(brow
         await page.wait(f"{layer('/cloud')}.objects.length >= 2")
         await choose(page, "Decay time", "0")
         await page.wait(f"{layer('/cloud')}.objects.length === 1")
+
+
+async def test_clouds_arrive_compressed(browser: Browser, monkeypatch: pytest.MonkeyPatch) -> None:
+    sizes: list[int] = []
+    compress = compressed.compress
+
+    def noted(cloud: Any, wish: Any) -> dict[str, Any]:
+        found = compress(cloud, wish)
+        sizes.append(len(found["compressed_data"]))
+        return found
+
+    monkeypatch.setattr(compressed, "compress", noted)
+    turn = np.linspace(0, 6, 20_000)
+    places = np.stack([3 * np.cos(turn), 3 * np.sin(turn), 0.1 * turn], axis=1).astype("<f4")
+    fields = [{"name": name, "offset": 4 * at, "datatype": 7, "count": 1} for at, name in enumerate("xyz")]
+    message = {"height": 1, "width": 20_000, "fields": fields, "point_step": 12, "row_step": 240_000}
+    async with scene(browser) as (node, page):
+        points = node.advertise("/cloud", "sensor_msgs/PointCloud2", qos=LATCHED)
+        points.publish({"header": {"frame_id": "map"}, **message, "data": places.tobytes()})
+        drawn = f"{layer('/cloud')}?.objects[0]?.geometry"
+        await page.wait(f"{drawn}?.attributes.position.count >= 20000")
+        found = await page.evaluate(f"Array.from({drawn}.attributes.position.array.slice(0, 60000))")
+        assert await violations(page) == []
+    assert sizes and sizes[0] < len(places.tobytes()) / 4
+    # The page draws them in another order.
+    assert np.abs(np.sort(found[2::3]) - places[:, 2]).max() <= 0.00101
 
 
 async def test_namespaces_of_markers_and_the_look_of_maps_are_set(browser: Browser) -> None:

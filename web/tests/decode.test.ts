@@ -1,8 +1,11 @@
-import { describe, expect, test } from "vitest";
+import { describe, expect, test, vi } from "vitest";
+import vectors from "../../docs/reference/point-clouds.vectors.json";
 import { setBound, tooLarge } from "../src/decode/bound";
 import { decodeCbor } from "../src/decode/cbor";
 import { decodeCloud } from "../src/decode/cloud";
+import { type CompressedCloud, decompressCloud } from "../src/decode/cloud_planes";
 import { decodeImage } from "../src/decode/image";
+import { makeWhole } from "../src/decode/whole_cloud";
 
 const bytes = (hex: string) => Uint8Array.from(hex.match(/../g) ?? [], (pair) => Number.parseInt(pair, 16));
 
@@ -204,4 +207,58 @@ describe("messages that are too large", () => {
       expect(tooLarge(message)).toBeNull();
     },
   );
+});
+
+type Vector = (typeof vectors)[number];
+
+describe("compressed clouds", () => {
+  const [first] = vectors as [Vector];
+  const compressed = (
+    { message }: Vector,
+    change: (data: Uint8Array) => void = () => undefined,
+  ): CompressedCloud => {
+    const data = bytes(message.compressed_data);
+    change(data);
+    return { ...message, compressed_data: data };
+  };
+
+  test.each(vectors.map((vector) => [vector.name, vector] as const))("%s", (_, vector) => {
+    expect(decompressCloud(compressed(vector))).toEqual(bytes(vector.data));
+  });
+
+  test.each([0, 4, 5, 6, 8, 12, 15, 16, 17, 46, 47, 50, 51])("a wrong octet %i is refused", (at) => {
+    const damaged = compressed(first, (data) => {
+      data[at] = 0xff;
+    });
+    expect(() => decompressCloud(damaged)).toThrow();
+  });
+
+  test("a cloud that claims to be too large is refused before anything is allocated", () => {
+    expect(() => decompressCloud({ ...compressed(first), width: 2 ** 32 - 1 })).toThrow(/a cloud of/);
+    expect(() => decompressCloud({ ...compressed(first), point_step: 4 })).toThrow(/does not fit/);
+    const cut = { ...compressed(first), compressed_data: bytes(first.message.compressed_data).slice(0, -1) };
+    expect(() => decompressCloud(cut)).toThrow();
+  });
+
+  test("the decoder is loaded with the first one, and other messages stay as they are", () => {
+    const load = vi.fn(() => {
+      self.decompressCloud = decompressCloud;
+    });
+    vi.stubGlobal("self", globalThis);
+    vi.stubGlobal("CLOUD_PLANES", "planes.js");
+    vi.stubGlobal("importScripts", load);
+    const image = { format: "jpeg", data: "" };
+    makeWhole(image);
+    expect(image).toEqual({ format: "jpeg", data: "" });
+    expect(load).not.toHaveBeenCalled();
+    for (let round = 0; round < 2; round++) {
+      const message: Record<string, unknown> = { ...compressed(first) };
+      makeWhole(message);
+      expect(message.data).toEqual(bytes(first.data));
+      expect(message).not.toHaveProperty("format");
+      expect(message).not.toHaveProperty("compressed_data");
+    }
+    expect(load.mock.calls).toEqual([["planes.js"]]);
+    vi.unstubAllGlobals();
+  });
 });

@@ -5,6 +5,7 @@ import { decodeCloud, type PointCloud2 } from "./cloud";
 import { decodeImage, type RawImage } from "./image";
 import { paletteOf } from "./palette";
 import type { Decoding, FromWorker, Traffic } from "./protocol";
+import { makeWhole } from "./whole_cloud";
 
 /** A message of rosbridge. */
 export interface Envelope {
@@ -65,16 +66,11 @@ export function receive(socket: number, message: Envelope, bytes: number): void 
 
 function deliver(socket: number, message: Envelope): void {
   const decoding = message.op === "publish" ? decodings.get(message.topic as string) : undefined;
-  if (decoding && message.msg) {
-    waiting.set(message.topic as string, null);
+  if (message.op === "publish" && message.msg) {
+    if (decoding) waiting.set(message.topic as string, null);
     try {
-      const [kind, palette, ...by] = decoding.split(":");
-      if (kind === "cloud") {
-        const cloud = message.msg as unknown as PointCloud2;
-        message.msg.$points = decodeCloud(cloud, by.join(":"), paletteOf(palette));
-        // The page has the points, and would keep all bytes of its last message.
-        message.msg.data = bytesOf(cloud.data).slice(0, KEPT_BYTES);
-      } else message.msg.$pixels = decodeImage(message.msg as unknown as RawImage);
+      makeWhole(message.msg);
+      if (decoding) decode(message.msg, decoding);
     } catch (error) {
       message.msg.$error = (error as Error).message;
     }
@@ -82,6 +78,16 @@ function deliver(socket: number, message: Envelope): void {
   say({ kind: "message", socket, message: message as { op: string }, mustTake: decoding !== undefined }, [
     ...moved(message.msg, new Set()),
   ]);
+}
+
+function decode(message: Record<string, unknown>, decoding: Decoding): void {
+  const [kind, palette, ...by] = decoding.split(":");
+  if (kind === "cloud") {
+    const cloud = message as unknown as PointCloud2;
+    message.$points = decodeCloud(cloud, by.join(":"), paletteOf(palette));
+    // The page has the points, and would keep all bytes of its last message.
+    message.data = bytesOf(cloud.data).slice(0, KEPT_BYTES);
+  } else message.$pixels = decodeImage(message as unknown as RawImage);
 }
 
 /** The buffers in a message that can change hands without a copy. */

@@ -46,6 +46,16 @@ const IN_CBOR = new Set([
   "map_msgs/OccupancyGridUpdate",
 ]);
 
+/** Smaller form in which clouds are requested; servers without it send whole ones. The worker makes them whole. */
+const COMPACT = { precision: 0.001, order: "any" };
+
+/** Request clouds that the worker decodes in the smaller form, which roslib has no option for. */
+function requestCompact(topic: Topic<Message>): void {
+  const call = topic.callForSubscribeAndAdvertise;
+  topic.callForSubscribeAndAdvertise = (op) =>
+    call(op.op === "subscribe" ? ({ ...op, compact: COMPACT } as typeof op) : op);
+}
+
 function hand(name: string, message: Message, listener: OnMessage): void {
   try {
     listener(message);
@@ -131,6 +141,7 @@ export class Subscriptions {
       queue_length: throttle ? 1 : 0,
       compression: IN_CBOR.has(shortType(type)) ? "cbor" : "none",
     });
+    if (decoding?.startsWith("cloud")) requestCompact(topic);
     const merged: Merged = { type, throttle, decoding, topic, listeners, last: known?.last ?? new Map() };
     this.topics.set(name, merged);
     if (known?.decoding !== decoding) this.tellDecodings();
