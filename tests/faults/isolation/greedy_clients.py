@@ -459,6 +459,45 @@ def fill_offers(server: Served, stack: ExitStack) -> None:
         stack.callback(thread.join)
 
 
+# -- files of packages -----------------------------------------------------------------------------------
+
+FILE_BYTES: Final = 40 * 1024 * 1024
+FOXGLOVE: Final = ["foxglove.sdk.v1"]
+
+
+@contextmanager
+def with_files(folder: Path, settings: str) -> Iterator[Served]:
+    """Start a server with a large file of a package."""
+    meshes = folder / "share" / "arm" / "meshes"
+    meshes.mkdir(parents=True)
+    with (meshes / "large.stl").open("wb") as large:
+        large.truncate(FILE_BYTES)
+    with served(folder, f"packages = [{json.dumps(str(folder / 'share'))}]\n{settings}") as server:
+        yield server
+
+
+def fetch_file(server: Served, address: str, stack: ExitStack) -> Client:
+    client = connected(server, address, stack, subprotocols=FOXGLOVE, max_queue=1, close_timeout=0.1)
+    asked = {"op": "fetchAsset", "uri": "package://arm/meshes/large.stl", "requestId": 1}
+    client.connection.send(json.dumps(asked))
+    return client
+
+
+def fill_files(server: Served, stack: ExitStack) -> None:
+    for _ in range(8):
+        fetch_file(server, GREEDY, stack)  # It reads nothing.
+
+
+def ask_file(server: Served, stack: ExitStack) -> None:
+    client = fetch_file(server, OTHER, stack)
+    with suppress(TimeoutError):
+        while not isinstance(found := client.connection.recv(LONGEST_S), bytes):
+            pass
+        assert len(found) > FILE_BYTES
+        return
+    raise AssertionError("the file did not come")
+
+
 # -- the hub ---------------------------------------------------------------------------------------------
 
 
@@ -556,6 +595,7 @@ DRIVERS: Final[Mapping[str, Driver]] = {
     "transform streams": Driver(fill_transforms, ask_transforms),
     "compact subscriptions": Driver(fill_compact, ask_compact),
     "goals without their clients": Driver(fill_goals, ask_goal),
+    "files in transit": Driver(fill_files, ask_file, "", with_files),
     "recordings": Driver(fill_recordings, ask_recording, "recorder.folder_bytes = 200000\n", recorded),
     "WebRTC peers": Driver(
         fill_peers, ask_peer, "webrtc.enabled = true\nwebrtc.peers = 4\nwebrtc.handshakes = 100\n"

@@ -10,11 +10,12 @@ from urllib.parse import quote
 from rwt.access.client_graph import ClientGraph
 from rwt.access.graph_view import GraphView
 from rwt.extensions.foxglove.errors import NotPossible
-from rwt.extensions.foxglove.files_in_transit import MAX_BYTES, FileInTransit, FilesInTransit
+from rwt.extensions.foxglove.files_in_transit import MAX_BYTES, FilesInTransit
 from rwt.extensions.foxglove.replies import FoxgloveReplies
 from rwt.extensions.foxglove.wire.client_messages import FetchAsset
 from rwt.extensions.foxglove.wire.server_messages import asset, asset_failure
 from rwt_transports.http.routes import HttpExtension, HttpRequest, HttpResponse
+from rwt_transports.shared_pool import Share
 from rwt_transports.websocket.close_codes import TRY_AGAIN_LATER
 
 SCHEME: Final = "package://"
@@ -25,9 +26,6 @@ MAX_WAITING: Final = 256
 
 _UNREAD: Final = 1024 * 1024
 """Bytes that may wait for the client before the next file is read for it."""
-
-_LOOK_SECONDS: Final = 0.02
-"""Interval at which the backlog is checked, in seconds."""
 
 Pages = Callable[[HttpRequest, "GraphView"], "HttpResponse | Awaitable[HttpResponse]"]
 """Page that answers requests below :data:`PATH`."""
@@ -49,7 +47,7 @@ class Assets:
         self._pages = pages
         self._address = address
         self._files = files
-        self._file: FileInTransit | None = None
+        self._share: Share | None = None
         self._asked: deque[FetchAsset] = deque()
         self._runs = False
         self._closed = False
@@ -72,30 +70,35 @@ class Assets:
         try:
             while self._asked and not self._closed:
                 asked = self._asked.popleft()
-                file = self._file = FileInTransit(self._address, self._cut)
+                share = await self._files.enter(self._graph.holder, self._cut, self._is_open)
+                if share is None:
+                    return
+                self._share = share
                 try:
-                    await self._files.enter(file)
-                    await self._send(asked, file)
+                    await self._send(asked, share)
                 finally:
-                    self._files.leave(file)
+                    self._files.pool.release(share)
         finally:
             self._runs = False
 
-    async def _send(self, asked: FetchAsset, file: FileInTransit) -> None:
+    def _is_open(self) -> bool:
+        return not self._closed
+
+    async def _send(self, asked: FetchAsset, share: Share) -> None:
         """Send a file, and wait until the client has read most of it."""
-        if self._closed:
-            return
         try:
             chunks = await self._read(asked.uri.removeprefix(SCHEME))
         except (NotPossible, OSError) as error:
             self._fail(asked.request_id, str(error))
             return
-        self._files.resize(file, sum(map(len, chunks)))
+        self._files.pool.resize(share, sum(map(len, chunks)))
         if not self._closed:
             self._replies.send(asset(asked.request_id, chunks))
         del chunks
-        while self._replies.sink.backlog > _UNREAD and not self._closed:
-            await self._graph.clock.sleep(_LOOK_SECONDS)
+        await self._files.read(self._is_unread, self._cut)
+
+    def _is_unread(self) -> bool:
+        return self._replies.sink.backlog > _UNREAD and not self._closed
 
     def _cut(self, reason: str) -> None:
         self._closed = True
@@ -145,8 +148,8 @@ class Assets:
         """Discard all requests."""
         self._closed = True
         self._asked.clear()
-        if self._file is not None:
-            self._files.leave(self._file)
+        if self._share is not None:
+            self._files.pool.release(self._share)
 
 
 def package_pages(http: Sequence[HttpExtension]) -> Pages | None:

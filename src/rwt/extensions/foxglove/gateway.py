@@ -85,7 +85,7 @@ class FoxgloveGateway(ConnectionGateway[FoxgloveClient]):
         super().__init__(graph, access, NODE, linger)
         self.call_timeout = call_timeout
         self.pages = pages
-        self.files = FilesInTransit()
+        self.files = FilesInTransit(graph.clock.sleep)
         self.playback: Playback | None = graph.clock.playback
         self.websockets = MappingProxyType(dict.fromkeys(SUBPROTOCOLS, self.accept))
         self.http = HttpExtension(section=_section)

@@ -14,4 +14,8 @@ def _make(context: GatewayContext, settings: NoSettings) -> Gateway:
     return FoxgloveGateway(context.graph, context.access, context.call_timeout, context.linger, pages)
 
 
-PART = GatewayPart(summary="Foxglove's WebSocket protocol, on the same port", make=_make)
+PART = GatewayPart(
+    pools=("rwt.extensions.foxglove.files_in_transit:FILES",),
+    summary="Foxglove's WebSocket protocol, on the same port",
+    make=_make,
+)
