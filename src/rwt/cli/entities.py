@@ -6,6 +6,7 @@ A row says how the entities of one kind are looked up. Each verb is implemented 
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Awaitable, Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -46,6 +47,18 @@ def absolute_name(name: str) -> str:
 def is_hidden(name: str) -> bool:
     """True if ROS 2 hides the name: a part of it begins with ``_``."""
     return any(part.startswith("_") for part in name.split("/"))
+
+
+_PLUMBING: Final = re.compile(
+    r"/(tf2_web_republisher|whip)/"
+    r"|/((describe|get|list|set)_parameters|get_parameter_types|set_parameters_atomically)\Z"
+)
+"""Topics and services of the server's own nodes, and the services for parameters that every node has."""
+
+
+def is_listed(name: str) -> bool:
+    """True if lists have the name without an option: it is neither hidden nor plumbing."""
+    return not is_hidden(name) and _PLUMBING.search(name) is None
 
 
 def same_type(one: str, other: str) -> bool:
@@ -127,11 +140,11 @@ class Entity:
         """Return the entities with their types, sorted by name.
 
         Args:
-            hidden: include names that ROS 2 hides.
+            hidden: include names that ROS 2 hides, and the plumbing of nodes.
             types: ask for types that the answer to the names lacks.
         """
         names = await ask_rosapi(lambda: self.names(robot))
-        shown = [name for name in sorted(names) if hidden or not self.hidden_options or not is_hidden(name)]
+        shown = [name for name in sorted(names) if hidden or not self.hidden_options or is_listed(name)]
         if not types or self.type_of is None:
             return [(name, names[name]) for name in shown]
         kinds = await gather([partial(self.type_of, robot, name) for name in shown])
@@ -247,6 +260,8 @@ class Entity:
             parser.set_defaults(hidden=False)
             return
         help = f"include {self.noun}s with a name part that begins with `_`"
+        if self is not NODE:
+            help += ", those of `/tf2_web_republisher` and `/whip`, and services for parameters"
         parser.add_argument(*self.hidden_options, dest="hidden", action="store_true", help=help)
 
 

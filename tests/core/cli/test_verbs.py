@@ -325,3 +325,21 @@ def test_what_a_robot_is_called_is_no_command_to_a_terminal(capsys: pytest.Captu
     errors = capsys.readouterr().err
     assert "\x1b" not in errors
     assert len(errors.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("kind", "plumbing"),
+    [
+        ("topic", "/tf2_web_republisher/goal"),
+        ("service", "/demo_robot/set_parameters"),
+        ("service", "/demo_robot/get_parameter_types"),
+        ("service", "/tf2_web_republisher/list_parameters"),
+    ],
+)
+def test_plumbing_is_listed_on_request(rwt: Rwt, kind: str, plumbing: str) -> None:
+    shown = rwt(kind, "list").out.splitlines()
+    everything = rwt(kind, "list", f"--include-hidden-{kind}s").out.splitlines()
+    assert plumbing in everything
+    assert plumbing not in shown
+    assert set(shown) < set(everything)
+    assert rwt(kind, "type", plumbing).code == 0
