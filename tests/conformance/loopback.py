@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 import os
 from collections.abc import AsyncIterator, Awaitable
-from contextlib import asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager
 from functools import partial
 from pathlib import Path
 from typing import Literal
@@ -16,7 +16,8 @@ from typing import Literal
 from rosbridge_conformance.wire.data_channels import DataChannels
 from rosbridge_conformance.wire.dialing import dialer
 from rosbridge_conformance.wire.wires import Dial, StreamWire, Wire
-from rwt.extensions.hub.hub import open_hub
+from rwt.extensions.hub.hub import Hub, open_hub
+from rwt.extensions.hub.nodes.directory import open_directory
 from rwt.extensions.hub.uplink.dial import dial
 from rwt.extensions.hub.uplink.openings import ROBOTS
 from rwt_graph.clock import Clock
@@ -32,8 +33,9 @@ from rwt_webrtc.transport.peer import PeerTerms
 from rwt_webrtc.transport.signalling import PeerBounds, data_routes, open_peers
 from tests.page_readers import NobodyInParticular
 from tests.waiting import until
+from tests.zenoh_links import free_endpoint
 
-Transport = Literal["ws", "tcp", "unix", "stdio", "webrtc", "hub"]
+Transport = Literal["ws", "tcp", "unix", "stdio", "webrtc", "hub", "nodes"]
 
 _LIMITS = Limits(message_bytes=64 * 1024 * 1024)
 
@@ -54,17 +56,35 @@ async def served(
             yield url, channels.dial
             await channels.close()
         return
-    if transport == "hub":
+    if transport in ("hub", "nodes"):
         async with (
-            open_hub("ws://127.0.0.1:0", limits=_LIMITS, clock=clock) as hub,
-            dial(f"{hub.url}{ROBOTS}rosie", accept, limits=_LIMITS),
+            _hub(clock, 1 if transport == "hub" else 2) as hubs,
+            dial(f"{hubs[0].url}{ROBOTS}rosie", accept, limits=_LIMITS),
         ):
-            await until(lambda: hub.robots, "the robot does not dial in")
-            yield f"{hub.url}/rosie", dialer(f"{hub.url}/rosie")
+            url = f"{hubs[-1].url}/rosie"
+            await until(lambda: hubs[-1].has("rosie"), "the robot does not dial in")
+            yield url, dialer(url)
         return
     url = f"unix://{folder}/rwt" if transport == "unix" else f"{transport}://127.0.0.1:0"
     async with listen(url, accept, limits=_LIMITS) as listener:
         yield listener.url, dialer(listener.url)
+
+
+@asynccontextmanager
+async def _hub(clock: Clock, count: int) -> AsyncIterator[list[Hub]]:
+    """The nodes of a hub."""
+    endpoint = free_endpoint()
+    async with AsyncExitStack() as stack:
+        hubs: list[Hub] = []
+        for _ in range(count):
+            hub = await stack.enter_async_context(open_hub("ws://127.0.0.1:0", limits=_LIMITS, clock=clock))
+            if count > 1:
+                endpoints = (() if hubs else (endpoint,)), ((endpoint,) if hubs else ())
+                await stack.enter_async_context(
+                    open_directory(hub, hub.url, listen=endpoints[0], connect=endpoints[1], limits=_LIMITS)
+                )
+            hubs.append(hub)
+        yield hubs
 
 
 @asynccontextmanager

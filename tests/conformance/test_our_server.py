@@ -129,7 +129,7 @@ async def _over(transport: Transport, distro: str, folder: Path) -> Run:
     [
         ("ws", "jazzy"),
         ("ws", "noetic"),
-        *((other, "jazzy") for other in ("tcp", "unix", "stdio", "webrtc", "hub")),
+        *((other, "jazzy") for other in ("tcp", "unix", "stdio", "webrtc", "hub", "nodes")),
     ],
 )
 def test_every_case_over_every_transport(transport: Transport, distro: str, tmp_path: Path) -> None:

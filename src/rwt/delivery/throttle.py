@@ -82,8 +82,8 @@ class Throttle:
     """
 
     __slots__ = (
-        "_behind", "_clock", "_deadline", "_expired", "_flow", "_is_closed", "_last", "_lifespan_ns",
-        "_piece", "_queue", "_room", "_taken", "_throttle", "_timer", "_withheld",
+        "_behind", "_clock", "_deadline", "_expired", "_flow", "_is_closed", "_is_muted", "_last",
+        "_lifespan_ns", "_piece", "_queue", "_room", "_taken", "_throttle", "_timer", "_withheld",
     )  # fmt: skip
 
     def __init__(
@@ -108,18 +108,18 @@ class Throttle:
         self._behind: dict[Hashable, tuple[int, Callable[[], None]]] = {}
         self._last = float("-inf")
         self._timer: Timer | None = None
-        self._is_closed = False
+        self._is_closed = self._is_muted = False
 
     @property
     def is_open(self) -> bool:
         """True if every sample passes, so that callers may bypass the throttle."""
-        return not (self._throttle or self._queue or self._lifespan_ns or self._deadline)
+        return not (self._throttle or self._queue or self._lifespan_ns or self._deadline or self._is_muted)
 
     @property
     def asked(self) -> tuple[float, int] | None:
         """Minimum seconds between samples and length of the queue; None if the client wants more than that,
         which only this throttle can give."""
-        if self._piece or self._lifespan_ns or self._deadline:
+        if self._piece or self._lifespan_ns or self._deadline or self._is_muted:
             return None
         return self._throttle, self._queue.maxlen or 0
 
@@ -136,6 +136,10 @@ class Throttle:
     def join(self) -> Callable[[Burst], bool]:
         """Function that queues a burst of an open throttle; fragmented messages are sent separately."""
         return _refuse if self._piece else self._flow.join
+
+    def mute(self, is_muted: bool) -> None:
+        """Ignore samples from now on, because the client gets others in their place, or no longer."""
+        self._is_muted = is_muted
 
     def cut_to(self, size: int) -> None:
         """Send messages of more than `size` characters in fragments; 0: never (FRG-20)."""
@@ -202,6 +206,8 @@ class Throttle:
 
     def offer(self, sample: Deliverable, send_to: _SendTo) -> None:
         """Process one sample: send it now, queue it, or drop it."""
+        if self._is_muted:
+            return
         if self._deadline is not None:
             self._deadline.met()
         # Not past queued samples, even if one is due: the order of a topic is kept.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, NamedTuple
 
 import pytest
@@ -158,8 +159,11 @@ class Peer:
     def receive(self, data: bytes, binary: bool) -> None:
         raise AssertionError("clients say nothing here")
 
+    def __init__(self) -> None:
+        self.on_end: Callable[[], None] = ignore
+
     def closed(self, code: int, reason: str) -> None:
-        pass
+        self.on_end()
 
 
 @dataclass(eq=False)
@@ -201,6 +205,7 @@ class Link:
         self.clock = SimulatedClock()
         self.pool = Pool(4_000_000)
         self.at_robot: dict[int, Stream] = {}
+        self.peers: dict[int, Peer] = {}
         self.hub = Uplink(
             "s",
             limits,
@@ -227,7 +232,15 @@ class Link:
 
     def _opened(self, stream: Stream, opening: bytes) -> None:
         self.at_robot[stream.number] = stream
+        self.peers[stream.number] = Peer()
+        stream.begin(self.peers[stream.number])
+
+    def open(self) -> Stream:
+        """Return the stream of a new client."""
+        stream = self.hub.open(b"{}", "192.0.2.1")
         stream.begin(Peer())
+        self.settle()
+        return stream
 
     def view(
         self,
@@ -236,11 +249,10 @@ class Link:
         own: bytes = b"",
         piece: int = 0,
         rules: FlowRules = AS_MANY_AS_FIT,
+        stream: Stream | None = None,
     ) -> Viewer:
-        """Return a new viewer that has subscribed."""
-        stream = self.hub.open(b"{}", "192.0.2.1")
-        stream.begin(Peer())
-        self.settle()
+        """Return a viewer that has subscribed: a new client, or one with that stream."""
+        stream = stream or self.open()
         screen, drops = Screen(), list[DropReason]()
         self.feeds.admit(stream.number, screen)
         flow: Flow = self.at_robot[stream.number].flow("/topic", rules, on_drop=drops.append)
@@ -250,10 +262,18 @@ class Link:
         gate.configure(throttle, queue)
         gate.cut_to(piece)
         self.topic.add(gate)
-        return Viewer(stream.number, screen, stream, gate, flow, drops)
+        viewer = Viewer(stream.number, screen, stream, gate, flow, drops)
+        self.peers[stream.number].on_end = partial(self.leave, viewer)
+        return viewer
+
+    def hang_up(self, viewer: Viewer) -> None:
+        """End the connection of a client at the hub; the robot hears of it later."""
+        viewer.stream.close()
+        self.feeds.ended(viewer.stream)
 
     def leave(self, viewer: Viewer) -> None:
         """End a subscription."""
+        self.peers[viewer.number].on_end = ignore
         viewer.throttle.close()
         viewer.flow.close()
         self.topic.remove(viewer.throttle)
@@ -596,6 +616,20 @@ def test_nothing_is_left_of_clients_that_have_gone() -> None:
     assert not len(link.feeds) and link.robot.feeds is not None and not len(link.robot.feeds)
 
 
+def test_a_client_may_join_while_the_end_of_the_last_other_one_is_under_way() -> None:
+    link = Link()
+    first, stream = link.view(), link.open()
+    link.settle()
+    link.hang_up(first)
+    second = link.view(stream=stream)
+    link.publish(1)
+    link.settle()
+    assert second.screen.numbers == [1]
+    link.hang_up(second)
+    link.settle()
+    assert not len(link.feeds)
+
+
 # -- any order of events ---------------------------------------------------------------------------------
 
 
@@ -613,13 +647,27 @@ class FeedMachine(RuleBasedStateMachine):
         self.viewers: dict[Viewer, list[int]] = {}
         self.every: set[Viewer] = set()
         self.is_cut = False
+        self.idle: list[Stream] = []
 
     @precondition(lambda self: not self.is_cut)
+    @rule()
+    def open(self) -> None:
+        self.idle.append(self.link.open())
+
+    @precondition(lambda self: self.viewers)
+    @rule(data=st.data())
+    def hang_up(self, data: st.DataObject) -> None:
+        viewer = data.draw(st.sampled_from(list(self.viewers)))
+        self.link.hang_up(viewer)
+        del self.viewers[viewer]
+        self.every.discard(viewer)
+
+    @precondition(lambda self: self.idle or not self.is_cut)
     @rule(
         throttle=st.sampled_from([0.0, 0.0, 0.1, 0.3, 1.0]), queue=st.integers(0, 3), is_latched=st.booleans()
     )
     def view(self, throttle: float, queue: int, is_latched: bool) -> None:
-        viewer = self.link.view(throttle, queue)
+        viewer = self.link.view(throttle, queue, stream=self.idle.pop() if self.idle else None)
         self.viewers[viewer] = []
         if is_latched and self.published:
             self.link.topic.replay(Sample(self.published), viewer.throttle)

@@ -76,6 +76,10 @@ class Viewer:
             else:
                 self.others.append(op)
 
+    async def heard(self, count: int) -> None:
+        """Wait for so many messages that are not of a topic."""
+        await until(lambda: len(self.others) >= count)
+
     async def say(self, **op: object) -> None:
         await self.link.send(json.dumps(op))
 
@@ -88,7 +92,7 @@ async def viewer(url: str, *subscriptions: Mapping[str, object]) -> AsyncIterato
         for subscription in subscriptions:
             await found.say(op="subscribe", type="std_msgs/String", **subscription)
         await found.say(op="call_service", service="/rosapi/get_time", id="ready")
-        await until(lambda: found.others)
+        await found.heard(1)
         yield found
         tasks.cancel_scope.cancel()
 

@@ -16,6 +16,7 @@ from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from http.client import HTTPConnection, HTTPResponse
 from pathlib import Path
+from subprocess import Popen
 from typing import Any, Final
 from urllib.parse import urlencode
 
@@ -23,7 +24,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from rwt.delivery.compact import MOST_COMPACT
 from tests.faults.isolation.served import LONGEST_S, Client, Served, served
-from tests.processes import running
+from tests.processes import free_port, running
 from tests.waiting import wait_until
 
 GREEDY: Final = "127.0.0.2"
@@ -515,6 +516,30 @@ def hub(folder: Path, settings: str) -> Iterator[Served]:
                 yield server
 
 
+@contextmanager
+def two_nodes(folder: Path, settings: str) -> Iterator[Served]:
+    """Start two nodes of a hub, and three robots at one; the other one is attacked."""
+    log = folder / "log"
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with log.open("w") as lines, ExitStack() as stack:
+
+        def started(*command: str, ready: str = "listening on ") -> tuple[Popen[str], str]:
+            return stack.enter_context(running(*command, ready=ready, stderr=lines.fileno()))
+
+        _, home = started("hub", "ws://127.0.0.1:0", "--cluster-listen", endpoint)
+        process, listening = started("hub", "ws://127.0.0.1:0", "--cluster", endpoint, *settings.split())
+        dials = [part for name in ("arm", "leg", "eye") for part in ("--dial", f"{home}/robots/{name}")]
+        started("serve", *dials, ready="dialing")
+        server = Served(process, listening.rpartition("//")[2].strip("/"), log)
+        wait_until(lambda: fetched(server, "/robots").count(b"path") == 3)
+        yield server
+
+
+def fill_links(server: Served, stack: ExitStack) -> None:
+    for name in ("leg", "eye"):
+        connected(server, GREEDY, stack, f"/{name}")
+
+
 def fetched(server: Served, path: str) -> bytes:
     """Return the body of a page."""
     response, connection = request(server, "127.0.0.1", "GET", path)
@@ -606,5 +631,6 @@ DRIVERS: Final[Mapping[str, Driver]] = {
     "clients of a hub": Driver(fill_places, ask_robot, "--connections 6", hub),
     "robots of a hub": Driver(fill_robots, ask_for_robot, "--robots 4", hub),
     "robots that dial in": Driver(fill_greetings, ask_for_robot, "", hub),
+    "links of a node": Driver(fill_links, ask_robot, "--links 2", two_nodes),
 }
 """Drivers by the name of the pool."""

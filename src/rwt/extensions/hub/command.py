@@ -7,7 +7,9 @@ import logging
 import os
 import re
 from collections.abc import Callable
+from contextlib import AbstractAsyncContextManager, AsyncExitStack
 from pathlib import Path
+from typing import NamedTuple
 
 import anyio
 
@@ -18,9 +20,10 @@ from rwt.cli.console.logs import add_log_options, log_to_stderr
 from rwt.cli.errors import CommandError
 from rwt.cli.verbs import integer_within
 from rwt.extensions.hub.ends import ADDRESS_BYTES
-from rwt.extensions.hub.hub import MAX_ROBOTS, open_hub
+from rwt.extensions.hub.hub import MAX_ROBOTS, Hub, open_hub
 from rwt.signals import HANGUP, STOP_SIGNALS, on_signals, terminal_is_gone
-from rwt.tls.tls import renew_server_tls, server_tls
+from rwt.tls.tls import client_tls, renew_server_tls, server_tls
+from rwt_graph.errors import ZenohError
 from rwt_transports.drivers.sockets import raise_descriptor_limit
 from rwt_transports.errors import TransportError
 from rwt_transports.http.proxies import PROXY_HEADERS, Proxies
@@ -42,7 +45,53 @@ examples:
 a robot then dials in:
   rwt serve --dial wss://HUB/robots/NAME --set dial.token=TOKEN
 and clients connect to wss://HUB/NAME
+several nodes on this machine:
+  rwt hub ws://127.0.0.1:9090 --cluster-listen tcp/127.0.0.1:7447
+  rwt hub ws://127.0.0.1:9091 --cluster tcp/127.0.0.1:7447
 """
+
+
+_LOCAL_ENDPOINT = re.compile(r"\w+/(127\.\d+\.\d+\.\d+|\[::1\]|localhost):|unixsock-stream/")
+
+
+class Cluster(NamedTuple):
+    """Other nodes.
+
+    Attributes:
+        listen: Zenoh endpoints of this node.
+        connect: Zenoh endpoints of others.
+        config: Zenoh configuration.
+        url: where the others dial in; None for the URL on which the hub listens.
+        cafile: authority of their certificates; None for those of the system.
+        links: maximum number of their robots that are served here at a time.
+    """
+
+    listen: tuple[str, ...]
+    connect: tuple[str, ...]
+    config: Path | None
+    url: str | None
+    cafile: Path | None
+    links: int
+
+    def opened(self, hub: Hub, limits: Limits) -> AbstractAsyncContextManager[object]:
+        """Make the hub one of several nodes within a block."""
+        try:
+            from rwt.extensions.hub.nodes.directory import open_directory
+        except ImportError as error:
+            raise CommandError(
+                f"several nodes need {error.name}, which is not installed: pip install"
+                " 'robot-web-tools[zenoh]'"
+            ) from error
+        return open_directory(
+            hub,
+            self.url or hub.url,
+            listen=self.listen,
+            connect=self.connect,
+            config=self.config,
+            limits=limits,
+            tls=client_tls(self.cafile),
+            max_links=self.links,
+        )
 
 
 def add_hub_command(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -97,15 +146,49 @@ def add_hub_command(commands: argparse._SubParsersAction[argparse.ArgumentParser
         help="header that the proxies write themselves, for example x-forwarded-prefix; several may be given"
         f" (default {', '.join(PROXY_HEADERS)}); others are ignored",
     )
+    _add_nodes(parser)
     _add_bounds(parser)
     parser.add_argument("--access-log", action="store_true", help="log each HTTP request")
     add_log_options(parser)
     parser.set_defaults(run=_run)
 
 
+def _add_nodes(parser: argparse.ArgumentParser) -> None:
+    nodes = parser.add_argument_group("several nodes", "a robot and its clients may connect to any of them")
+    nodes.add_argument(
+        "--cluster",
+        action="append",
+        default=[],
+        metavar="ENDPOINT",
+        help="Zenoh endpoint of another node, such as tls/node-a:7447; several may be given",
+    )
+    nodes.add_argument(
+        "--cluster-listen",
+        action="append",
+        default=[],
+        metavar="ENDPOINT",
+        help="Zenoh endpoint for other nodes, such as tls/0.0.0.0:7447",
+    )
+    nodes.add_argument(
+        "--cluster-config",
+        type=Path,
+        metavar="FILE",
+        help="Zenoh configuration (JSON5), such as certificates; required for endpoints beyond this machine",
+    )
+    nodes.add_argument(
+        "--node-url",
+        metavar="URL",
+        help="ws:// or wss:// URL of this node for the others (default: the URL on which it listens)",
+    )
+    nodes.add_argument(
+        "--node-cafile", type=Path, metavar="FILE", help="authority of the other nodes' certificates, PEM"
+    )
+
+
 def _add_bounds(parser: argparse.ArgumentParser) -> None:
     for option, metavar, least, most, default, help in (
         ("--robots", "COUNT", 1, 1_000_000, MAX_ROBOTS, "robots that have dialled in"),
+        ("--links", "COUNT", 1, 65_536, 1024, "robots of other nodes that are served here at a time"),
         ("--connections", "COUNT", 1, 1_000_000, _LIMITS.connections,
          "open connections of clients, including plain HTTP, which the addresses share"),
         ("--connections-per-address", "COUNT", 0, 1_000_000, _LIMITS.connections_per_address,
@@ -136,10 +219,11 @@ def _run(arguments: argparse.Namespace) -> int:
             f"--token-file or {TOKEN_VARIABLE}",
             exit_code=2,
         )
+    cluster = _cluster(arguments)
     raise_descriptor_limit()
     try:
-        anyio.run(_serve, arguments, tokens, _tls(arguments))
-    except TransportError as error:
+        anyio.run(_serve, arguments, tokens, _tls(arguments), cluster)
+    except (TransportError, ZenohError) as error:
         raise CommandError(str(error)) from error
     except SettingsError as error:
         raise CommandError(str(error), exit_code=2) from error
@@ -162,28 +246,54 @@ def _tokens(arguments: argparse.Namespace) -> tuple[str, ...]:
     return tuple(tokens)
 
 
+def _cluster(arguments: argparse.Namespace) -> Cluster | None:
+    """Return how to reach other nodes; None for a hub of one."""
+    endpoints: list[str] = [*arguments.cluster, *arguments.cluster_listen]
+    config: Path | None = arguments.cluster_config
+    if not endpoints and config is None:
+        if arguments.node_url or arguments.node_cafile:
+            raise CommandError("expected --cluster or --cluster-listen with --node-url", exit_code=2)
+        return None
+    if config is None and not all(_LOCAL_ENDPOINT.match(endpoint) for endpoint in endpoints):
+        raise CommandError(
+            "nodes trust each other, so endpoints beyond this machine require --cluster-config with"
+            " certificates of the nodes (docs/how-to/behind-nat.md shows one)",
+            exit_code=2,
+        )
+    url = arguments.node_url
+    if url is None and re.search(r"//(0\.0\.0\.0|\[::\]|\*)", arguments.url):
+        raise CommandError(
+            f"other nodes cannot reach this one at {arguments.url}: --node-url wss://HOST:PORT", exit_code=2
+        )
+    listen, connect = tuple(arguments.cluster_listen), tuple(arguments.cluster)
+    return Cluster(listen, connect, config, url, arguments.node_cafile, arguments.links)
+
+
 def _tls(arguments: argparse.Namespace) -> TlsSettings:
     if (arguments.certfile is None) != (arguments.keyfile is None):
         raise CommandError("expected --certfile and --keyfile together", exit_code=2)
     return TlsSettings(certfile=arguments.certfile, keyfile=arguments.keyfile)
 
 
-async def _serve(arguments: argparse.Namespace, tokens: tuple[str, ...], tls: TlsSettings) -> None:
+async def _serve(
+    arguments: argparse.Namespace, tokens: tuple[str, ...], tls: TlsSettings, cluster: Cluster | None
+) -> None:
     stop = anyio.Event()
     try:
         proxies = Proxies(arguments.proxy, arguments.proxy_header or PROXY_HEADERS)
     except ValueError as error:
         raise CommandError(f"--proxy or --proxy-header: {error}", exit_code=2) from None
     context = server_tls(tls)
+    limits = Limits(
+        connections=arguments.connections,
+        connections_per_address=arguments.connections_per_address,
+        message_bytes=arguments.message_bytes,
+        incoming_bytes=arguments.waiting_bytes,
+    )
     opened = open_hub(
         arguments.url,
         tokens=tokens,
-        limits=Limits(
-            connections=arguments.connections,
-            connections_per_address=arguments.connections_per_address,
-            message_bytes=arguments.message_bytes,
-            incoming_bytes=arguments.waiting_bytes,
-        ),
+        limits=limits,
         waiting_bytes=arguments.waiting_bytes,
         max_robots=arguments.robots,
         tls=context,
@@ -191,7 +301,9 @@ async def _serve(arguments: argparse.Namespace, tokens: tuple[str, ...], tls: Tl
         proxies=proxies,
         access_log=arguments.access_log,
     )
-    async with opened as hub:
+    async with opened as hub, AsyncExitStack() as stack:
+        if cluster is not None:
+            await stack.enter_async_context(cluster.opened(hub, limits))
 
         def reload() -> None:
             """Reload tokens and certificate; if one is invalid, keep all of them."""

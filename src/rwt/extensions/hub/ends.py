@@ -51,6 +51,7 @@ emergency stop. The robot decides whether they do."""
 
 WAITING_BYTES: Final = PoolRow("waiting bytes of a hub", "--waiting-bytes", "waiting bytes")
 CLIENTS: Final = PoolRow("clients of a hub", "--connections", "connections of clients")
+LINKS: Final = PoolRow("links of a node", "--links", "robots of other nodes")
 
 
 class WaitingBytes:

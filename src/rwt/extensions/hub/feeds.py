@@ -18,6 +18,7 @@ from rwt.extensions.hub.uplink.assembly import Assembly
 from rwt.extensions.hub.uplink.feeds import CAUSES, MAX_FEEDS, MAX_MEMBERSHIPS
 from rwt.extensions.hub.uplink.frames import (
     MAX_DROPS,
+    NO_STREAM,
     BadFrame,
     DropCause,
     Drops,
@@ -120,7 +121,7 @@ class _Feed:
 
     Attributes:
         members: members by the number of their stream.
-        encoded: those who get the common samples.
+        encoded: throttles of all members; those apart are muted.
     """
 
     def __init__(self, head: FeedHead, encoded: EncodedStream[_Arrived]) -> None:
@@ -139,6 +140,9 @@ class _Feed:
         """Let a member have what it wants of what arrives."""
         join, period = member.join, self.head.period
         member.flow.configure(FlowRules(join.depth, join.keep_all))
+        if join.apart:
+            member.throttle.flush()
+        member.throttle.mute(join.apart)
         if not period:
             member.throttle.configure(join.throttle, join.queue)
         elif steps(join.throttle, period) <= 1:
@@ -201,8 +205,8 @@ class RobotFeeds:
     def ended(self, stream: Stream) -> None:
         """Remove the client of a stream from all feeds."""
         viewer = self._viewers.pop(stream.number, None)
-        for number in tuple(viewer.feeds) if viewer is not None else ():
-            self._leave(stream.number, number)
+        for number in viewer.feeds if viewer is not None else ():
+            self._remove(stream.number, number)
 
     # -- frames of the robot ---------------------------------------------------------------------------------
 
@@ -234,18 +238,19 @@ class RobotFeeds:
         if viewer is None:
             return  # It has left meanwhile.
         member = feed.members.get(stream)
+        is_new = member is None
         if member is None:
             if len(viewer.feeds) >= MAX_MEMBERSHIPS:
                 raise BadFrame(f"stream {stream} is a member of more than {MAX_MEMBERSHIPS} feeds")
             member = self._member(stream, join, feed, viewer)
             viewer.feeds.add(join.feed)
             feed.members[stream] = member
-        elif not member.join.apart:
-            feed.encoded.remove(member.throttle)
         member.join = join
         feed.configure(member)
-        if not join.apart:
+        if is_new:
             feed.encoded.add(member.throttle)
+        else:
+            feed.encoded.changed(member.throttle)
 
     def _member(self, stream: int, join: Join, feed: _Feed, viewer: _Viewer) -> _Member:
         on_drop = partial(self._dropped, stream, join.feed)
@@ -255,20 +260,28 @@ class RobotFeeds:
         return _Member(flow, Throttle(self._clock, flow, ignore, on_drop, viewer.room), join)
 
     def _leave(self, stream: int, number: int) -> None:
-        feed, viewer = self._feeds.get(number), self._viewers.get(stream)
-        if viewer is not None:
+        if stream == NO_STREAM:
+            feed = self._feeds.get(number)
+            for each in tuple(feed.members) if feed is not None else ():
+                self._leave(each, number)
+            self._feeds.pop(number, None)
+            return
+        viewer = self._viewers.get(stream)
+        if viewer is not None and number in viewer.feeds:
             viewer.feeds.discard(number)
-        member = feed.members.pop(stream, None) if feed is not None else None
-        if feed is None or member is None:
+            self._remove(stream, number)
+
+    def _remove(self, stream: int, number: int) -> None:
+        """Remove a member. The feed stays until the robot ends it, who may already have added another one."""
+        feed = self._feeds[number]
+        member = feed.members.pop(stream, None)
+        if member is None:
             return
         member.throttle.close()
         member.flow.close()
-        if not member.join.apart:
-            feed.encoded.remove(member.throttle)
+        feed.encoded.remove(member.throttle)
         for cause in DropCause:
             self._drops.pop((stream, number, cause), None)
-        if not feed.members:
-            del self._feeds[number]
 
     # -- samples ---------------------------------------------------------------------------------------------
 

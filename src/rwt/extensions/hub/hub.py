@@ -16,7 +16,7 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from ssl import SSLContext
-from typing import Final
+from typing import Final, Protocol
 
 import anyio
 
@@ -39,6 +39,7 @@ from rwt.extensions.hub.uplink.openings import (
     NAME_RULE,
     REPLACED,
     ROBOTS,
+    UNUSED,
     encode_client,
     encode_request,
     is_robot_name,
@@ -74,6 +75,8 @@ PAGE_SECONDS: Final = 120.0
 """Default timeout of a robot's answer to a request for a page. Calls of services wait for at most 60 s."""
 MAX_ROBOTS: Final = 10_000
 """Default limit of robots."""
+UNUSED_SECONDS: Final = 60.0
+"""Time without clients after which another node stops serving its robot here."""
 MAX_PENDING: Final = 256
 """Connections of robots that have not said who they are."""
 ROBOT_PLACES: Final = PoolRow("robots of a hub", "--robots", "robots")
@@ -81,9 +84,43 @@ GREETINGS: Final = PoolRow("robots that dial in", "", "robots that are dialling 
 _SUBPROTOCOLS: Final = (SUBPROTOCOL, "foxglove.sdk.v1", "foxglove.websocket.v1")
 
 
+class Nodes(Protocol):
+    """Other nodes of a hub, at which robots have dialled in."""
+
+    def came(self, robot: str) -> None:
+        """Note a robot that has dialled in here."""
+
+    def left(self, robot: str) -> None:
+        """Note a robot that has left."""
+
+    def has(self, robot: str) -> bool:
+        """Return True if a robot is at another node."""
+
+    @property
+    def count(self) -> int:
+        """Number of other nodes whose robots are known."""
+
+    @property
+    def robots(self) -> Iterable[str]:
+        """Names of the robots at other nodes."""
+
+    async def bring(self, robot: str, address: str) -> None:
+        """Let the node of a robot dial in here for it; returns after that, or after a while without.
+
+        Args:
+            address: address of the client who wants that, to which it is charged.
+
+        Raises:
+            PoolFull: too many robots of other nodes are served here.
+        """
+
+    def unlinked(self, robot: str) -> None:
+        """Note that a robot of another node is no longer served here."""
+
+
 @dataclass(slots=True, eq=False)
 class DialedRobot:
-    """Robot that has dialled in.
+    """Robot that has dialled in, here or at another node, which has then dialled in for it.
 
     Attributes:
         instance: random id of the program; distinguishes it from another of the same name.
@@ -92,6 +129,8 @@ class DialedRobot:
         feeds: samples of its topics for several clients.
         carrier: its connection; None for a moment after a loss.
         software: name and version of its program.
+        is_linked: True if it is at another node.
+        used: monotonic time at which it had clients or pages.
     """
 
     name: str
@@ -101,6 +140,8 @@ class DialedRobot:
     feeds: RobotFeeds
     carrier: RobotCarrier | None = None
     software: str = ""
+    is_linked: bool = False
+    used: float = 0.0
 
     @property
     def is_reachable(self) -> bool:
@@ -134,6 +175,7 @@ class Hub:
         clock: clock of the throttles of clients; the caller drives it. By default, time that never jumps.
 
     Attributes:
+        nodes: other nodes; None for a hub of one.
         url: URL at which it listens, with the actual port; empty until it is open.
         places: pool of the connections of clients.
         clients: clients so far.
@@ -155,6 +197,8 @@ class Hub:
         clock: Clock | None = None,
     ) -> None:
         self.clock = clock or SteadyClock()
+        self.nodes: Nodes | None = None
+        self._expected: dict[str, tuple[bytes, anyio.Event]] = {}
         self.url = ""
         self.scheduler = scheduler or Scheduler.immediate(MESSAGES)
         self.writing = writing or Scheduler.immediate(WRITING)
@@ -184,7 +228,8 @@ class Hub:
         self._names = {name for name, _ in self._tokens if name}
         connected = [each.carrier for each in self._robots.values() if each.carrier is not None]
         for carrier in (*connected, *self._pending):
-            if self._tokens and not self._knows(carrier.authorization, carrier.name):
+            is_known = carrier.is_linked or self._knows(carrier.authorization, carrier.name)
+            if self._tokens and not is_known:
                 reason = "the token of this robot was removed"
                 if carrier.robot is not None:
                     self._forget(carrier.robot, POLICY, reason)
@@ -210,9 +255,10 @@ class Hub:
             self._check_robot(info, name)
             return lambda sink, _: self._accept_robot(sink, info, name)
         name, path = split_client_path(info.path)
-        robot = self._robot(name)
         if info.subprotocol == SUBPROTOCOL:
             raise Refused(400, f"a robot dials in at {ROBOTS}NAME")
+        await self._bring(name, info.address)
+        robot = self.robot(name)
         stream = robot.uplink.open(encode_client(info, path), info.address)
         try:
             await Admission(stream, robot.name).granted()
@@ -237,6 +283,11 @@ class Hub:
             carrier.check(now)
         for robot in tuple(self._robots.values()):
             robot.feeds.report()
+            if robot.clients:
+                robot.used = now
+            elif robot.is_linked and now - robot.used >= UNUSED_SECONDS:
+                self.unlink(robot.name, "the robot has no clients at this node")
+                continue
             if robot.carrier is not None:
                 robot.carrier.check(now)
             elif not robot.uplink.tick(now):
@@ -256,16 +307,18 @@ class Hub:
                 426,
                 f"this hub speaks the WebSocket subprotocol {SUBPROTOCOL}; update the robot's program",
             )
-        holder = holder_of(info.address)
-        if name not in self._robots:
+        holder, is_linked = holder_of(info.address), self._is_expected(info, name)
+        if name not in self._robots and not is_linked:
             self._robot_places.check(holder)
         self._greetings.check(holder)
         self.addresses.leave(info.address)
-        return RobotCarrier(self, sink, info, name)
+        return RobotCarrier(self, sink, info, name, is_linked=is_linked)
 
     def _check_robot(self, info: PeerInfo, name: str) -> None:
         if "origin" in info.headers:
             raise Refused(403, "robots dial in here, not web pages; a page connects to /NAME")
+        if self._is_expected(info, name):
+            return
         if self._tokens and not self._knows(info.headers.get("authorization", ""), name):
             logger.warning("refusing a robot named %.80r: invalid token (%s)", name, info.address)
             raise Refused(
@@ -276,13 +329,41 @@ class Hub:
         if not is_robot_name(name):
             raise Refused(400, f"a robot cannot be called {name[:80]!r}; a name is {NAME_RULE}")
 
+    def expect(self, robot: str, token: str) -> anyio.Event:
+        """Accept a node that dials in for a robot with this token. Returns what is set when it has."""
+        arrived = anyio.Event()
+        self._expected[robot] = token.encode(), arrived
+        return arrived
+
+    def unexpect(self, robot: str) -> None:
+        """Accept no node any more that dials in for a robot."""
+        self._expected.pop(robot, None)
+
+    def unlink(self, robot: str, reason: str) -> None:
+        """End the connection of another node for a robot."""
+        found = self._robots.get(robot)
+        if found is not None and found.is_linked:
+            link = found.carrier
+            self._forget(found, GOING_AWAY, reason)
+            if link is not None:
+                link.give_up(UNUSED, reason)
+
+    def _is_expected(self, info: PeerInfo, name: str) -> bool:
+        """Return True for a node that dials in for a robot which is not here itself."""
+        expected, robot = self._expected.get(name), self._robots.get(name)
+        shown = _shown(info.headers.get("authorization", ""))
+        if expected is None or not hmac.compare_digest(shown, expected[0]):
+            return False
+        if robot is not None and not robot.is_linked:
+            raise Refused(409, f"the robot {name} has dialled in here")
+        return True
+
     def _knows(self, authorization: str, name: str) -> bool:
-        scheme, _, token = authorization.partition(" ")
-        shown = token.strip().encode()
+        shown = _shown(authorization)
         # Compare all tokens: constant time.
         wanted = name if name in self._names else ""
         right = [hmac.compare_digest(shown, known) and its == wanted for its, known in self._tokens]
-        return scheme.lower() == "bearer" and any(right)
+        return any(right)
 
     def pending(self, carrier: RobotCarrier) -> None:
         """Note a connection whose greeting is awaited; raises PoolFull."""
@@ -298,6 +379,8 @@ class Hub:
     def greeted(self, carrier: RobotCarrier, hello: Hello) -> None:
         """Resume the session of a robot, or begin one; raises BadFrame."""
         robot = self._robots.get(carrier.name)
+        if carrier.is_linked and carrier.name not in self._expected:
+            raise BadFrame("the robot is no longer wanted here")
         if robot is not None and robot.instance != carrier.instance:
             self._replace(robot, carrier)
             robot = None
@@ -318,12 +401,17 @@ class Hub:
             self._forget(robot, ABNORMAL, f"the session of {robot.name} cannot be resumed")
             raise BadFrame("the session cannot be resumed")
 
-    def _begin(self, carrier: RobotCarrier) -> DialedRobot:
+    def _place(self, carrier: RobotCarrier) -> Share:
         try:
-            place = self._robot_places.take(holder_of(carrier.address), partial(self._displace, carrier.name))
+            return self._robot_places.take(holder_of(carrier.address), partial(self._displace, carrier.name))
         except PoolFull as full:
             carrier.give_up(TRY_AGAIN_LATER, full.reason)
             raise BadFrame(full.reason) from None
+
+    def _begin(self, carrier: RobotCarrier) -> DialedRobot:
+        place = None
+        if not carrier.is_linked:
+            place = self._place(carrier)
         uplink = Uplink(
             secrets.token_hex(8),
             self._limits,
@@ -335,10 +423,20 @@ class Hub:
             now=time.monotonic(),
         )
         feeds = RobotFeeds(uplink, holder_of(carrier.address), self.clock, self.scheduler)
-        robot = DialedRobot(carrier.name, carrier.instance, carrier.address, uplink, feeds)
+        robot = DialedRobot(
+            carrier.name, carrier.instance, carrier.address, uplink, feeds,
+            is_linked=carrier.is_linked, used=time.monotonic(),
+        )  # fmt: skip
         self._robots[carrier.name] = robot
-        self._places[carrier.name] = place
-        logger.info("robot %s dialled in from %s", robot.name, robot.address or "?")
+        if place is not None:
+            self._places[carrier.name] = place
+        if robot.is_linked:
+            logger.info("the node at %s serves robot %s here", robot.address or "?", robot.name)
+            self._expected[robot.name][1].set()
+        else:
+            logger.info("robot %s dialled in from %s", robot.name, robot.address or "?")
+            if self.nodes is not None:
+                self.nodes.came(robot.name)
         return robot
 
     def _displace(self, name: str, reason: str) -> None:
@@ -372,14 +470,36 @@ class Hub:
     def _forget(self, robot: DialedRobot, code: int, reason: str) -> None:
         if self._robots.get(robot.name) is robot:
             del self._robots[robot.name]
-            self._robot_places.release(self._places.pop(robot.name))
+            place = self._places.pop(robot.name, None)
+            if place is not None:
+                self._robot_places.release(place)
             logger.info("robot %s is gone", robot.name)
+            if robot.is_linked:
+                self.unexpect(robot.name)
+                if self.nodes is not None:
+                    self.nodes.unlinked(robot.name)
+            elif self.nodes is not None:
+                self.nodes.left(robot.name)
         robot.carrier = None
         robot.uplink.end(code, reason)
 
     # -- clients -------------------------------------------------------------------------------------------
 
-    def _robot(self, name: str) -> DialedRobot:
+    def has(self, name: str) -> bool:
+        """Return True if a robot has dialled in here or at another node."""
+        return name in self._robots or (self.nodes is not None and self.nodes.has(name))
+
+    async def _bring(self, name: str, address: str) -> None:
+        """Let another node serve a robot here, if it is there."""
+        if name not in self._robots and self.nodes is not None and self.nodes.has(name):
+            await self.nodes.bring(name, address)
+
+    def here(self, name: str) -> DialedRobot | None:
+        """Return a robot that has dialled in here itself."""
+        robot = self._robots.get(name)
+        return None if robot is None or robot.is_linked else robot
+
+    def robot(self, name: str) -> DialedRobot:
         """Return a robot that can be reached; raises Refused."""
         robot = self._robots.get(name)
         if robot is None:
@@ -402,10 +522,24 @@ class Hub:
 
     def page(self, request: HttpRequest) -> HttpResponse | Awaitable[HttpResponse]:
         """Forward an HTTP request to a robot over its uplink."""
+        name, _ = split_client_path(request.path)
+        if name not in self._robots and self.has(name):
+            return self._page_from_afar(request, name)
+        return self._page(request)
+
+    async def _page_from_afar(self, request: HttpRequest, name: str) -> HttpResponse:
+        try:
+            await self._bring(name, request.address)
+        except Refused as refused:
+            return HttpResponse.refusing(refused)
+        response = self._page(request)
+        return response if isinstance(response, HttpResponse) else await response
+
+    def _page(self, request: HttpRequest) -> HttpResponse | Awaitable[HttpResponse]:
         name, path = split_client_path(request.path)
         prefix = f"{request.prefix}/{name}"
         try:
-            robot = self._robot(name)
+            robot = self.robot(name)
         except Refused as refused:
             return HttpResponse.refusing(refused)
         if request.path == f"/{name}":
@@ -441,11 +575,13 @@ class RobotCarrier(Carrier):
         instance: random id of its program.
         address: address of the connection.
         authorization: ``Authorization`` header, with its token.
+        is_linked: True for a connection of another node.
         robot: the robot; None before the greeting.
     """
 
-    def __init__(self, hub: Hub, sink: Sink, info: PeerInfo, name: str) -> None:
+    def __init__(self, hub: Hub, sink: Sink, info: PeerInfo, name: str, *, is_linked: bool) -> None:
         super().__init__(sink, hub.writing)
+        self.is_linked = is_linked
         self._hub = hub
         self.name = name
         self.instance = info.headers.get(INSTANCE, "")[:64]
@@ -465,6 +601,11 @@ class RobotCarrier(Carrier):
     def gone(self, code: int, reason: str) -> None:
         self._hub.not_pending(self)
         self._hub.left(self, code, reason)
+
+
+def _shown(authorization: str) -> bytes:
+    scheme, _, token = authorization.partition(" ")
+    return token.strip().encode() if scheme.lower() == "bearer" else b""
 
 
 @asynccontextmanager

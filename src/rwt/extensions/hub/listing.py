@@ -55,6 +55,10 @@ def _metrics(hub: Hub) -> HttpResponse:
     help_ = "Seconds of the last round trip on their uplinks."
     trips = [({"robot": robot.name}, robot.uplink.round_trip) for robot in busiest]
     page.family("rwt_hub_robot_round_trip_seconds", "gauge", help_, trips)
+    if hub.nodes is not None:
+        page.single("rwt_hub_nodes", "gauge", "Other nodes whose robots are known.", hub.nodes.count)
+        linked = sum(robot.is_linked for robot in robots)
+        page.single("rwt_hub_linked_robots", "gauge", "Robots of other nodes that have clients here.", linked)
     text = "Bytes that one side has sent and the other has not taken."
     page.single("rwt_hub_waiting_bytes", "gauge", text, hub.waiting.total)
     page.single("rwt_hub_clients_total", "counter", "Clients that came.", hub.clients)
@@ -66,16 +70,23 @@ def _metrics(hub: Hub) -> HttpResponse:
 def _index(hub: Hub, request: HttpRequest) -> HttpResponse:
     host = html.escape(request.headers.get("host", "HOST"))
     rows = "".join(
-        f"<tr><td>{robot.name}<td><code>ws://{host}/{robot.name}</code><td>{robot.clients}"
-        for robot in hub.robots
+        f"<tr><td>{name}<td><code>ws://{host}/{name}</code><td>{clients}"
+        for name, clients in _listed(hub).items()
     )
     page = _PAGE.format(rows=rows or "<tr><td>none")
     return HttpResponse(page.encode(), content_type="text/html; charset=utf-8", headers=page_policy())
 
 
+def _listed(hub: Hub) -> dict[str, int]:
+    """Return the robots of all nodes, and the clients that each has at this one."""
+    names = dict.fromkeys(hub.nodes.robots if hub.nodes is not None else (), 0)
+    names.update((robot.name, robot.clients) for robot in hub.robots)
+    return dict(sorted(names.items()))
+
+
 def _robots(hub: Hub) -> HttpResponse:
     listed = [
-        {"name": robot.name, "path": f"/{robot.name}", "clients": robot.clients} for robot in hub.robots
+        {"name": name, "path": f"/{name}", "clients": clients} for name, clients in _listed(hub).items()
     ]
     return HttpResponse(json.dumps({"robots": listed}).encode(), content_type="application/json")
 

@@ -89,6 +89,7 @@ PART = ServicePart(
     pools=(
         "rwt.extensions.hub.ends:WAITING_BYTES",
         "rwt.extensions.hub.ends:CLIENTS",
+        "rwt.extensions.hub.ends:LINKS",
         "rwt.extensions.hub.hub:ROBOT_PLACES",
         "rwt.extensions.hub.hub:GREETINGS",
     ),

@@ -5,9 +5,9 @@ from __future__ import annotations
 import logging
 import secrets
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Collection
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib.metadata import version
 from ipaddress import ip_address
@@ -23,6 +23,7 @@ from rwt.extensions.hub.uplink.openings import (
     NAME_RULE,
     REPLACED,
     ROBOTS,
+    UNUSED,
     BadOpening,
     PageRequest,
     decode_opening,
@@ -82,6 +83,7 @@ class UplinkStatus:
         rate: bytes per second that arrived at the hub lately.
         failures: attempts that failed since the last success.
         error: reason of the last failure; empty after a success.
+        over: set once there are no further attempts.
     """
 
     url: str
@@ -92,6 +94,12 @@ class UplinkStatus:
     rate: float = 0.0
     failures: int = 0
     error: str = ""
+    over: anyio.Event = field(default_factory=anyio.Event)
+
+
+Serve = Callable[[Stream, PeerInfo | PageRequest], None]
+"""Admits a client or a page and begins its stream, now or later, or raises
+:exc:`~rwt_transports.errors.Refused`."""
 
 
 @asynccontextmanager
@@ -125,6 +133,51 @@ async def dial(
     Raises:
         BadUrl: the URL is not a hub's URL of a robot.
     """
+    starter = TaskStarter()
+
+    def serve(stream: Stream, info: PeerInfo | PageRequest) -> None:
+        endpoint: Endpoint
+        if isinstance(info, PeerInfo):
+            endpoint = accept(stream, info)
+        else:
+            page = PageServer(stream, routes or Routes(), info.request, info.body_size)
+            starter.start_soon(page.run)
+            endpoint = page
+        stream.admit()
+        stream.begin(endpoint)
+
+    opened = open_uplink(
+        url, serve, token=token, limits=limits, addresses=addresses, identify=identify,
+        buffers=buffers, tls=tls, backoff=backoff,
+    )  # fmt: skip
+    async with background_tasks() as tasks:
+        tasks.start_soon(starter.run, tasks)
+        async with opened as status:
+            yield status
+
+
+@asynccontextmanager
+async def open_uplink(
+    url: str,
+    serve: Serve,
+    *,
+    token: str | None = None,
+    limits: Limits | None = None,
+    addresses: AddressCount | None = None,
+    identify: Identify = anonymous,
+    buffers: ReceiveBufferPool | None = None,
+    tls: SSLContext | None = None,
+    backoff: Backoff = BACKOFF,
+    until_unused: bool = False,
+) -> AsyncIterator[UplinkStatus]:
+    """Keep an uplink open within the block, and serve its streams.
+
+    Args:
+        serve: serves a stream.
+        until_unused: True to end when the other side closes the connection with `UNUSED`.
+
+    The other arguments, and errors, are those of :func:`dial`.
+    """
     check_dial_url(url)
     headers = {INSTANCE: secrets.token_hex(8), "Sec-WebSocket-Protocol": SUBPROTOCOL}
     if token is not None:
@@ -134,9 +187,9 @@ async def dial(
     pool = buffers or chosen.receive_pool()
     connect_one = partial(connect, url, limits=chosen, buffers=pool, tls=tls, headers=headers)
     counted = addresses or AddressCount(chosen.connections_per_address)
-    robot = _Robot(status, accept, routes or Routes(), backoff, connect_one, counted, chosen, pool, identify)
+    last = {UNUSED} if until_unused else set[int]()
+    robot = _Robot(status, serve, backoff, connect_one, counted, chosen, pool, identify, last)
     async with background_tasks() as tasks:
-        tasks.start_soon(robot.starter.run, tasks)
         tasks.start_soon(robot.run)
         try:
             yield status
@@ -171,33 +224,33 @@ class _Robot:
 
     Attributes by purpose:
 
-    * Clients: ``_accept``, ``_routes``, ``_addresses``, ``_identify``, ``_pool`` and ``_places``
-      (shares of `limits.connections` by stream), ``starter`` (starts the tasks that serve pages).
+    * Clients: ``_serve``, ``_addresses``, ``_identify``, ``_pool`` and ``_places`` (shares of
+      `limits.connections` by stream).
     * Uplink: ``uplink`` (None without a session), ``_limits``, ``_buffers``, ``_carrier`` (the connection;
       None without one), ``scheduler`` (of writing).
     * Connecting: ``status``, ``_backoff``, ``_connect_one``, ``_running`` (cancelled when the robot leaves),
-      ``_is_leaving``, ``_ended`` (code of the last connection's end).
+      ``_is_leaving``, ``_ended`` (code of the last connection's end), ``_last`` (codes after which there is
+      no further attempt).
     """
 
     def __init__(
         self,
         status: UplinkStatus,
-        accept: Accept,
-        routes: Routes,
+        serve: Serve,
         backoff: Backoff,
         connect_one: _ConnectOne,
         addresses: AddressCount,
         limits: Limits,
         buffers: ReceiveBufferPool,
         identify: Identify,
+        last: Collection[int],
     ) -> None:
-        self.starter = TaskStarter()
         self.scheduler = Scheduler.of_loop(WRITING)
         self.status = status
         self.uplink: Uplink | None = None
         self._carrier: _HubCarrier | None = None
-        self._accept = accept
-        self._routes = routes
+        self._serve = serve
+        self._last = last
         self._backoff = backoff
         self._connect_one = connect_one
         self._addresses = addresses
@@ -217,6 +270,8 @@ class _Robot:
                 tasks.start_soon(self._watch)
                 await self._keep()
                 tasks.cancel_scope.cancel()
+        self._end_session("the connection to the hub has ended")
+        self.status.over.set()
 
     async def leave(self) -> None:
         """End all streams, and then the connection."""
@@ -231,7 +286,7 @@ class _Robot:
 
     async def _keep(self) -> None:
         status = self.status
-        while True:
+        while self._ended not in self._last:
             if status.failures:
                 backoff = REPLACED_BACKOFF if self._ended == REPLACED else self._backoff
                 delay = backoff.delay(status.failures)
@@ -262,6 +317,8 @@ class _Robot:
             self._end_session("the hub and the robot do not understand each other")
         if self._is_leaving:
             await anyio.sleep_forever()
+        if self._ended in self._last:
+            return
         lasted = time.monotonic() - opened
         if lasted >= STEADY_SECONDS:
             self.status.failures = 0
@@ -331,9 +388,7 @@ class _Robot:
             holder = self._holder_of(info)
             stream.count_for(holder)
             self._places[stream] = self._pool.take(holder, partial(stream.close, TRY_AGAIN_LATER))
-            endpoint = self.serve(stream, info)
-            stream.admit()
-            stream.begin(endpoint)
+            self._serve(stream, info)
         except Refused as refused:
             stream.refuse(Refusal(refused.status, refused.reason, dict(refused.headers)))
         except Exception:
@@ -366,14 +421,6 @@ class _Robot:
         except ValueError:
             is_outside = False
         return address if is_outside else behind_proxy(ascii(address)[1:-1][:64])
-
-    def serve(self, sink: Sink, info: PeerInfo | PageRequest) -> Endpoint:
-        """Return the endpoint of a client or a page; raises Refused."""
-        if isinstance(info, PeerInfo):
-            return self._accept(sink, info)
-        page = PageServer(sink, self._routes, info.request, info.body_size)
-        self.starter.start_soon(page.run)
-        return page
 
     def _failed(self, why: str) -> None:
         status = self.status

@@ -9,6 +9,7 @@ from time import time_ns
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from rwt.extensions.hub.uplink.frames import (
+    NO_STREAM,
     SMALL_BYTES,
     DropCause,
     Drops,
@@ -322,10 +323,9 @@ class Feeds:
             self._count += 1
             feed = Feed(self, self._count, topic, key, time_ns)
             self._by_key[key] = self._by_number[self._count] = feed
+            feed.set_period(0.0)
         elif stream.number in feed.members:
             return None
-        if not feed.members:
-            feed.set_period(0.0)  # The hub forgets a feed with its last member.
         member = feed.members[stream.number] = FeedMember(
             feed, stream, rules, gap.hex(), on_drop, own=-feed.common
         )
@@ -335,6 +335,7 @@ class Feeds:
 
     def end(self, feed: Feed) -> None:
         """End a feed that has neither members nor samples."""
+        self.announce(_Announcement(encode_leave(NO_STREAM, feed.number), None))
         del self._by_key[feed.key], self._by_number[feed.number]
 
     def add(self, feed: Feed, pieces: Sequence[Frame], expires_ns: int) -> None:

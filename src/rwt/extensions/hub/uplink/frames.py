@@ -17,7 +17,7 @@ kind name     payload
 7    `FEED`   JSON of :class:`FeedHead`. A feed begins, or its period changes. Its number is in place of the
               stream, as in `SAMPLE`.
 8    `JOIN`   JSON of :class:`Join`: the client of the stream is a member of a feed, or wants something else
-9    `LEAVE`  number of the feed (4 bytes) that the client of the stream leaves
+9    `LEAVE`  number of the feed (4 bytes) that the client of the stream leaves; of stream 0: that has ended
 10   `SAMPLE` a part of a sample for the members of a feed. Flags as of `DATA`, and in its first part: bit 5
               "for one": the payload begins with the stream of its only receiver (4 bytes); bit 6 "gap": then
               comes the position (2 bytes) at which each member's own bytes are put in
@@ -96,6 +96,10 @@ class Kind(IntEnum):
     ACK = 65
     PING = 66
     PONG = 67
+
+
+NO_STREAM: Final = 0
+"""Number that no stream has."""
 
 
 class Lane(IntEnum):
@@ -199,7 +203,7 @@ class Joined(NamedTuple):
 
 
 class Left(NamedTuple):
-    """End of a membership."""
+    """End of a membership; of `NO_STREAM`, of the feed."""
 
     stream: int
     feed: int
@@ -371,7 +375,7 @@ def encode_join(stream: int, join: Join) -> bytes:
 
 
 def encode_leave(stream: int, feed: int) -> bytes:
-    """Return a `LEAVE` frame."""
+    """Return a `LEAVE` frame; of `NO_STREAM`, the feed has ended."""
     return HEADER.pack(Kind.LEAVE, 0, stream) + _FEED.pack(feed)
 
 

@@ -36,6 +36,9 @@ MAX_BODY_BYTES: Final = 64 * 1024 * 1024
 REPLACED: Final = 4009
 """Close code for a robot whose name another program has taken."""
 
+UNUSED: Final = 4010
+"""Close code of a node for another one whose robot has no clients there."""
+
 TRANSPORT: Final = "dial"
 """Name of the transport of clients that connect through a hub."""
 
@@ -94,7 +97,11 @@ def encode_client(client: PeerInfo, path: str) -> bytes:
 
 def encode_request(request: HttpRequest, path: str, prefix: str) -> bytes:
     """Return the opening for a request for a page at `path`, which the hub serves below `prefix`."""
-    headers, size = dict(request.headers), len(request.body)
+    return _encode_request(request, path, prefix, len(request.body))
+
+
+def _encode_request(request: HttpRequest, path: str, prefix: str, size: int) -> bytes:
+    headers = dict(request.headers)
     asked = _Request(request.method, path, request.query, prefix, request.address, headers, size)
     return msgspec.json.encode(_Opening(request=asked))
 
@@ -104,6 +111,14 @@ class PageRequest(NamedTuple):
 
     request: HttpRequest
     body_size: int
+
+
+def encode_opening(opened: PeerInfo | PageRequest) -> bytes:
+    """Return an opening that was decoded."""
+    if isinstance(opened, PeerInfo):
+        return encode_client(opened, opened.path)
+    asked, size = opened
+    return _encode_request(asked, asked.path, asked.prefix, size)
 
 
 def decode_opening(data: bytes) -> PeerInfo | PageRequest:
