@@ -2,7 +2,7 @@
 
 import { stopText } from "../forms/gate";
 import { ReleaseButton } from "../forms/release";
-import { clockText } from "../i18n/formats";
+import { clockText, fixed } from "../i18n/formats";
 import { t } from "../i18n/text";
 import { now } from "../panels/component";
 import type { App } from "./state";
@@ -67,7 +67,7 @@ function Link({ app }: { app: App }) {
 /** Topics whose messages would stop the page. */
 function TooLarge({ app }: { app: App }) {
   const { session } = app;
-  const megabytes = (bytes: number) => (bytes / 1e6).toFixed(bytes < 1e7 ? 1 : 0);
+  const megabytes = (bytes: number) => fixed(bytes / 1e6, bytes < 1e7 ? 1 : 0);
   return (
     <>
       {[...session.refused.value].map(([name, bytes]) => (

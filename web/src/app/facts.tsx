@@ -3,7 +3,7 @@
 import { useSignal } from "@preact/signals";
 import { Activity, BatteryMedium, Clock, ArrowDown as Down, LifeBuoy as Wheel } from "lucide";
 import { Icon } from "../forms/icon";
-import { clockText } from "../i18n/formats";
+import { clockText, fixed } from "../i18n/formats";
 import { t } from "../i18n/text";
 import { now, useMessages } from "../panels/component";
 import { sizeText } from "../panels/health/recorder";
@@ -35,8 +35,8 @@ export function BatteryFact({ app }: { app: App }) {
     <div class={share < 0.2 ? "fact low" : "fact"} title={t("battery.title")}>
       <Icon of={BatteryMedium} />
       <div>
-        <b>{(share * 100).toFixed(0)} %</b>
-        {Number.isFinite(voltage) && <small>{voltage.toFixed(1)} V</small>}
+        <b>{fixed(share * 100, 0)} %</b>
+        {Number.isFinite(voltage) && <small>{fixed(voltage, 1)} V</small>}
       </div>
     </div>
   );
@@ -135,14 +135,12 @@ export function Footer({ session }: { session: RobotSession }) {
         <Icon of={Down} size={14} /> {sizeText(Math.round(bytes))}/s
       </span>
       <span title={t("fact.messages")}>
-        <Icon of={Activity} size={14} /> {messages.toFixed(0)} {t("fact.per_second")}
+        <Icon of={Activity} size={14} /> {fixed(messages, 0)} {t("fact.per_second")}
       </span>
       {isKnown && (
         <span title={t("fact.ahead")}>
           <Icon of={Clock} size={14} /> {ahead < 0 ? "−" : "+"}
-          {Math.abs(ahead) < 10
-            ? `${(Math.abs(ahead) * 1000).toFixed(0)} ms`
-            : `${Math.abs(ahead).toFixed(0)} s`}
+          {Math.abs(ahead) < 10 ? `${fixed(Math.abs(ahead) * 1000, 0)} ms` : `${fixed(Math.abs(ahead), 0)} s`}
         </span>
       )}
     </div>

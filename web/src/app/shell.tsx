@@ -8,6 +8,7 @@ import { useLater } from "../forms/later";
 import { Menu } from "../forms/menu";
 import { useNarrow } from "../forms/narrow";
 import { Problem } from "../forms/problem";
+import { fixed } from "../i18n/formats";
 import { t } from "../i18n/text";
 import { panelIcon } from "../panels/icons";
 import { panelKinds } from "../panels/registry";
@@ -173,7 +174,7 @@ function StopButton({ app }: { app: App }) {
 function State({ app }: { app: App }) {
   const { state, reason, silence, trip } = app.session;
   if (silence.value > 0) {
-    const seconds = (silence.value / 1000).toFixed(1);
+    const seconds = fixed(silence.value / 1000, 1);
     return (
       <p class="state state-silent" role="status">
         <span class="dot" aria-hidden="true" />

@@ -293,7 +293,7 @@ export const de: Record<TextKey, string> = {
   "scene.lost.use": "{frame} als festes System",
   "scene.layers": "Ebenen",
   "scene.quality": "Qualität",
-  "scene.quality.auto": "was der Rechner schafft",
+  "scene.quality.auto": "automatisch",
   "scene.quality.low": "niedrig",
   "scene.quality.high": "hoch",
   "goal.title": "Ziel",

@@ -24,3 +24,21 @@ export function clockText(time: number, digits: 0 | 1 | 2 | 3 = 0): string {
   // Dates end at 100 million days.
   return Math.abs(time) <= 8.64e15 ? clock.format(time) : "";
 }
+
+const numbers = new Map<string, Intl.NumberFormat>();
+
+/** A number with so many decimals, and a real minus sign. */
+export function fixed(value: number, digits: number): string {
+  const key = `${navigator.language} ${digits}`;
+  let format = numbers.get(key);
+  if (!format) {
+    const range = { minimumFractionDigits: digits, maximumFractionDigits: digits };
+    format = new Intl.NumberFormat(navigator.language, {
+      ...range,
+      useGrouping: false,
+      signDisplay: "negative",
+    });
+    numbers.set(key, format);
+  }
+  return format.format(value).replace("-", "−");
+}

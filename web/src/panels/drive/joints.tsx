@@ -8,6 +8,7 @@ import { blockText } from "../../forms/commanding";
 import { Clamped, Driver } from "../../forms/gate";
 import { Choice, Slider } from "../../forms/inputs";
 import { Problem } from "../../forms/problem";
+import { fixed } from "../../i18n/formats";
 import { t } from "../../i18n/text";
 import { hearDescription } from "../../robot/description";
 import { driveTopics } from "../../robot/drive";
@@ -107,7 +108,7 @@ function Controls(props: {
         <legend class="hidden">{topic}</legend>
         {known.map(({ name, lower, upper, isLinear }) => {
           const here = measured.value.get(name);
-          const shown = here === undefined ? "" : isLinear ? `${here.toFixed(3)} m` : degrees(here);
+          const shown = here === undefined ? "" : isLinear ? `${fixed(here, 3)} m` : degrees(here);
           return (
             <Slider
               key={name}
@@ -150,7 +151,7 @@ function Controls(props: {
 }
 
 function degrees(radians: number): string {
-  return `${((radians * 180) / Math.PI).toFixed(1).replace("-", "−")}°`;
+  return `${fixed((radians * 180) / Math.PI, 1)}°`;
 }
 
 function namesOf(value: unknown): string[] {

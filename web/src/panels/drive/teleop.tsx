@@ -11,6 +11,7 @@ import { Icon } from "../../forms/icon";
 import { Check, Slider } from "../../forms/inputs";
 import { useNarrow } from "../../forms/narrow";
 import { Problem } from "../../forms/problem";
+import { fixed } from "../../i18n/formats";
 import { t } from "../../i18n/text";
 import { cameraTopics } from "../../robot/camera";
 import { Drive, driveTopics } from "../../robot/drive";
@@ -187,7 +188,7 @@ function Meter({ value, most, unit }: { value: number; most: number; unit: strin
   }, [share]);
   return (
     <span class="meter">
-      <b>{value.toFixed(2).replace("-", "−")}</b> {unit}
+      <b>{fixed(value, 2)}</b> {unit}
       <span class="meter-bar" aria-hidden="true">
         <span ref={bar} />
       </span>
@@ -211,7 +212,7 @@ function Limit(props: {
       most={most}
       step={0.05}
       by={LIMIT_STEP}
-      shown={`${value.toFixed(2)} ${unit}`}
+      shown={`${fixed(value, 2)} ${unit}`}
       onChange={(wanted) => {
         const limit = Math.min(Math.max(Math.round(wanted * 100) / 100, LEAST_LIMIT), most);
         context.config.value = { ...context.config.value, [name]: limit };

@@ -7,6 +7,7 @@ import { Check, NameButton, Search } from "../../forms/inputs";
 import { MessageForm } from "../../forms/message_form";
 import { MessageTree } from "../../forms/message_tree";
 import { Problem } from "../../forms/problem";
+import { fixed } from "../../i18n/formats";
 import { t } from "../../i18n/text";
 import { keepAsking } from "../../robot/asking";
 import type { GoalHandle } from "../../robot/goals";
@@ -202,7 +203,7 @@ function OneService({ context, name }: { context: PanelContext; name: string }) 
       {problem.value && <Problem text={problem.value} />}
       {answer.value && (
         <div role="status">
-          <p class="faint">{t("services.answer", { milliseconds: answer.value.took.toFixed(0) })}</p>
+          <p class="faint">{t("services.answer", { milliseconds: fixed(answer.value.took, 0) })}</p>
           <MessageTree value={answer.value.values} />
         </div>
       )}

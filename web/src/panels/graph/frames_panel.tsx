@@ -2,6 +2,7 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
+import { fixed } from "../../i18n/formats";
 import { t } from "../../i18n/text";
 import { type Transform, TransformTree, type TreeFault } from "../../robot/transforms";
 import { Needs, now, useMessages } from "../component";
@@ -101,7 +102,7 @@ function faultText(fault: TreeFault, publishers: readonly string[]): string {
       return t("frames.islands", { count: fault.frames.length, names: names(fault.frames, ", ") });
     case "old":
     case "future":
-      return t(`frames.${fault.kind}`, { name, seconds: fault.number.toFixed(1) });
+      return t(`frames.${fault.kind}`, { name, seconds: fixed(fault.number, 1) });
     default:
       return t(`frames.${fault.kind}`, { name, count: fault.number });
   }
@@ -131,7 +132,7 @@ function Branch(props: BranchProps) {
         <span class={!frame.isStatic && age > OLD ? "problem" : "faint"}>
           {frame.isStatic
             ? t("frames.static")
-            : `${frame.rate.hz.toFixed(1)} Hz · ${t("topics.age")} ${age.toFixed(0)} s`}
+            : `${fixed(frame.rate.hz, 1)} Hz · ${t("topics.age")} ${fixed(age, 0)} s`}
         </span>
       )}
       {isAgain && <span class="problem">{t("frames.again")}</span>}

@@ -7,6 +7,7 @@ import { Check, NameButton, Search } from "../../forms/inputs";
 import { MessageForm } from "../../forms/message_form";
 import { MessageTree, shortValue } from "../../forms/message_tree";
 import { Problem } from "../../forms/problem";
+import { fixed } from "../../i18n/formats";
 import { t } from "../../i18n/text";
 import { selectedFields } from "../../robot/fields";
 import { shortType } from "../../robot/names";
@@ -118,7 +119,7 @@ export function rateText({ rates, traffic }: PanelContext["session"], name: stri
   const received = traffic.value.get(name);
   const hz = rates.known.value.get(name)?.hz ?? (received ? received.messages / received.seconds : null);
   if (hz === null) return "";
-  return hz === 0 ? t("topics.idle") : `${hz < 99.95 ? hz.toFixed(1) : hz.toFixed(0)} Hz`;
+  return hz === 0 ? t("topics.idle") : `${hz < 99.95 ? fixed(hz, 1) : fixed(hz, 0)} Hz`;
 }
 
 function Traffic({ context, name }: { context: PanelContext; name: string }) {
@@ -128,7 +129,7 @@ function Traffic({ context, name }: { context: PanelContext; name: string }) {
     <>
       <td class="number rate">{rateText(session, name)}</td>
       <td class="number bandwidth">
-        {traffic && `${(traffic.bytes / traffic.seconds / 1024).toFixed(1)} KB/s`}
+        {traffic && `${fixed(traffic.bytes / traffic.seconds / 1000, 1)} kB/s`}
       </td>
     </>
   );
@@ -148,7 +149,7 @@ function OneTopic({ context, name }: { context: PanelContext; name: string }) {
     <>
       <h2>{name}</h2>
       <p class="faint">
-        {type} {age !== null && `· ${t("topics.age")} ${age.toFixed(0)} s`}
+        {type} {age !== null && `· ${t("topics.age")} ${fixed(age, 0)} s`}
       </p>
       {!mayHear && <Refusal context={context} act="subscribe" name={name} />}
       {mayHear &&

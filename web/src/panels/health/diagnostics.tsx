@@ -1,6 +1,7 @@
 /** Health of the robot: diagnostics and battery. */
 
 import { useSignal } from "@preact/signals";
+import { fixed } from "../../i18n/formats";
 import { t } from "../../i18n/text";
 import type { Message } from "../../robot/subscriptions";
 import { componentPanel, Needs, now, useMessages } from "../component";
@@ -136,14 +137,14 @@ function BatteryPanel({ context }: { context: PanelContext }) {
         const share = Number(state.percentage ?? Number.NaN);
         const status = CHARGING[Number(state.power_supply_status)] ?? "unknown";
         const number = (value: unknown, unit: string) =>
-          Number.isFinite(value) ? `${Number(value).toFixed(2)} ${unit}` : "–";
+          Number.isFinite(value) ? `${fixed(Number(value), 2)} ${unit}` : "–";
         return (
           <section key={topic}>
             <h2>{topic}</h2>
             {Number.isFinite(share) && (
               <>
                 <meter min={0} max={1} low={0.2} high={0.5} optimum={1} value={share} aria-label={topic} />{" "}
-                <b class="number">{(share * 100).toFixed(0)} %</b>
+                <b class="number">{fixed(share * 100, 0)} %</b>
               </>
             )}
             <p>

@@ -7,6 +7,7 @@ import { Commanding } from "../../forms/commanding";
 import { Icon } from "../../forms/icon";
 import { TextField } from "../../forms/inputs";
 import { Problem } from "../../forms/problem";
+import { fixed } from "../../i18n/formats";
 import { t } from "../../i18n/text";
 import { seconds } from "../../robot/names";
 import type { Message } from "../../robot/subscriptions";
@@ -43,7 +44,7 @@ export function sizeText(octets: number): string {
     value /= 1e3;
     unit++;
   }
-  return `${value.toFixed(1)} ${units[unit]}`;
+  return `${fixed(value, 1)} ${units[unit]}`;
 }
 
 export function Recorder({ context }: { context: PanelContext }) {

@@ -3,7 +3,7 @@
 import { useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
 import { Problem } from "../../forms/problem";
-import { clockText } from "../../i18n/formats";
+import { clockText, fixed } from "../../i18n/formats";
 import { t } from "../../i18n/text";
 import { seconds } from "../../robot/names";
 import type { Message } from "../../robot/subscriptions";
@@ -107,7 +107,7 @@ function ServerPanel({ context }: { context: PanelContext }) {
           </tr>
           <tr>
             <th scope="row">{t("state.open")}</th>
-            <td>{t("server.since", { seconds: up.toFixed(0), count: session.connections.value })}</td>
+            <td>{t("server.since", { seconds: fixed(up, 0), count: session.connections.value })}</td>
           </tr>
           {role && (
             <tr>
@@ -129,7 +129,7 @@ function ServerPanel({ context }: { context: PanelContext }) {
               </tr>
               <tr>
                 <th scope="row">{t("server.lag")}</th>
-                <td>{Number.isFinite(lag) ? `${(lag * 1000).toFixed(2)} ms` : "–"}</td>
+                <td>{Number.isFinite(lag) ? `${fixed(lag * 1000, 2)} ms` : "–"}</td>
               </tr>
               <tr>
                 <th scope="row">{t("server.dropped")}</th>

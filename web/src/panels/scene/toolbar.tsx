@@ -20,6 +20,7 @@ import { blockText } from "../../forms/commanding";
 import { IconButton } from "../../forms/icon";
 import { Choice } from "../../forms/inputs";
 import { Menu } from "../../forms/menu";
+import { fixed } from "../../i18n/formats";
 import { t } from "../../i18n/text";
 import type { Place } from "../../robot/navigation";
 import type { RobotScene } from "../../scene/scene";
@@ -91,7 +92,7 @@ export function Toolbar({ context, scene }: { context: PanelContext; scene: Robo
           }
           onChoose={(frame) => frames.fix(frame)}
         />
-        {Number.isFinite(tools.measured.value) && <output>{tools.measured.value.toFixed(3)} m</output>}
+        {Number.isFinite(tools.measured.value) && <output>{fixed(tools.measured.value, 3)} m</output>}
         <NavigationState navigation={navigation} />
         {tools.chosen.value !== "look" && (
           <p class="faint tool-hint" role="status">

@@ -6,6 +6,7 @@ import { OldAge, useOldAge } from "../../elements/video/age";
 import { IconButton } from "../../forms/icon";
 import { Choice } from "../../forms/inputs";
 import { Problem } from "../../forms/problem";
+import { fixed } from "../../i18n/formats";
 import { t } from "../../i18n/text";
 import {
   CAMERA_QUALITIES,
@@ -130,8 +131,8 @@ export function View(props: { context: PanelContext; topic: string; options?: Ca
           {way ? (
             <>
               <span>
-                {t(`camera.${way}`)} · {camera.rate.value.toFixed(1)} Hz
-                {age.value === 0 && ` · ${camera.latency.value.toFixed(0)} ms`}
+                {t(`camera.${way}`)} · {fixed(camera.rate.value, 1)} Hz
+                {age.value === 0 && ` · ${fixed(camera.latency.value, 0)} ms`}
               </span>
               <OldAge age={age} />
             </>

@@ -3,6 +3,7 @@
 import { useSignal } from "@preact/signals";
 import type { RefObject } from "preact";
 import { useEffect, useRef } from "preact/hooks";
+import { fixed } from "../../i18n/formats";
 import { t } from "../../i18n/text";
 import type { RobotSession } from "../../robot/session";
 import type { Message } from "../../robot/subscriptions";
@@ -75,7 +76,7 @@ export function Hud({ session }: { session: RobotSession }) {
   useMessages(session, topic, take, { throttle: 100 });
   if (!motion.value) return null;
   const { speed, turn, heading } = motion.value;
-  const signed = (value: number) => value.toFixed(2).replace("-", "−");
+  const signed = (value: number) => fixed(value, 2);
   return (
     <p class="camera-hud">
       <span>
@@ -88,7 +89,7 @@ export function Hud({ session }: { session: RobotSession }) {
         <svg viewBox="-10 -10 20 20" width="18" height="18" aria-hidden="true">
           <path d="M0-8 5 7 0 4-5 7Z" transform={`rotate(${-heading})`} />
         </svg>
-        <span class="hidden">{t("camera.heading")}</span> <b>{heading.toFixed(0).replace("-", "−")}°</b>
+        <span class="hidden">{t("camera.heading")}</span> <b>{fixed(heading, 0)}°</b>
       </span>
     </p>
   );

@@ -1,5 +1,6 @@
 /** Numbers over time, or one against another: derived series, statistics, reference lines, zoom and export. */
 
+import { fixed } from "../../i18n/formats";
 import "uplot/dist/uPlot.min.css";
 import { type Signal, signal, useSignal } from "@preact/signals";
 import {
@@ -169,7 +170,7 @@ export function Panel({ context }: { context: PanelContext }) {
         <div class="plot-tools" role="toolbar" aria-label={t("plot.tools")}>
           {span.value && (
             <>
-              <output>{t("plot.span", { seconds: (span.value[1] - span.value[0]).toFixed(2) })}</output>
+              <output>{t("plot.span", { seconds: fixed(span.value[1] - span.value[0], 2) })}</output>
               <button
                 type="button"
                 onClick={() => {

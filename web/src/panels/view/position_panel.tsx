@@ -4,6 +4,7 @@ import { useSignal } from "@preact/signals";
 import { Eraser, Locate, Maximize, Minus, Plus } from "lucide";
 import { useId, useRef } from "preact/hooks";
 import { Icon } from "../../forms/icon";
+import { fixed } from "../../i18n/formats";
 import { t } from "../../i18n/text";
 import { type Fix, fixOf, type Point, Track } from "../../robot/fixes";
 import type { Message } from "../../robot/subscriptions";
@@ -78,7 +79,7 @@ function Tracked({ context, topic }: { context: PanelContext; topic: string }) {
         radius={fix.value?.radius ?? 0}
         centre={span ? here.value : whole.centre}
         span={span || whole.span}
-        name={t("position.track", { metres: length.toFixed(0) })}
+        name={t("position.track", { metres: fixed(length, 0) })}
       />
       <p class="number" role="status">
         {fix.value ? described(fix.value) : t("position.none")}
@@ -109,10 +110,10 @@ export function roundedStep(most: number): number {
 
 function described({ latitude, longitude, altitude, radius }: Fix): string {
   const degrees = (value: number, [positive, negative]: readonly [string, string]) =>
-    `${Math.abs(value).toFixed(6)}° ${value < 0 ? negative : positive}`;
+    `${fixed(Math.abs(value), 6)}° ${value < 0 ? negative : positive}`;
   const parts = [`${degrees(latitude, ["N", "S"])}, ${degrees(longitude, ["E", "W"])}`];
-  if (altitude !== null) parts.push(t("position.altitude", { metres: altitude.toFixed(1) }));
-  if (radius !== null) parts.push(`± ${radius.toFixed(1)} m`);
+  if (altitude !== null) parts.push(t("position.altitude", { metres: fixed(altitude, 1) }));
+  if (radius !== null) parts.push(`± ${fixed(radius, 1)} m`);
   return parts.join(" · ");
 }
 

@@ -11,6 +11,7 @@ import {
 } from "three";
 import { PALETTES, paint, paletteOf, rangeOf } from "../../decode/palette";
 import type { Points as DecodedPoints } from "../../decode/protocol";
+import { fixed } from "../../i18n/formats";
 import type { TextKey } from "../../i18n/text";
 import type { Message } from "../../robot/subscriptions";
 import type { Detail } from "../governor";
@@ -213,7 +214,7 @@ export class ScanLayer extends PointsLayer {
 
   override describe({ index = -1 }: Intersection): [TextKey, string][] {
     const range = Number((this.last?.ranges as ArrayLike<number> | undefined)?.[this.found[index] ?? -1]);
-    return Number.isFinite(range) ? [["scene.range", `${range.toFixed(2)} m`]] : [];
+    return Number.isFinite(range) ? [["scene.range", `${fixed(range, 2)} m`]] : [];
   }
   private found: number[] = [];
 

@@ -2,6 +2,7 @@
 
 import { AxesHelper, BufferGeometry, Line, LineBasicMaterial, Object3D, Vector3 } from "three";
 import { CSS2DObject } from "three/addons/renderers/CSS2DRenderer.js";
+import { fixed } from "../../i18n/formats";
 import { plain } from "../../i18n/plain";
 import type { Frames } from "../frames";
 import { disposeTree, type View } from "../view";
@@ -111,5 +112,5 @@ export class FrameAxes {
 
 /** Time since a transform arrived. */
 function ageText(at: number): string {
-  return `${((Date.now() - at) / 1000).toFixed(1)} s`;
+  return `${fixed((Date.now() - at) / 1000, 1)} s`;
 }
