@@ -82,11 +82,10 @@ test("a marker that cannot be drawn is said, and keeps no other one away", async
   expect(layer.objects.length).toBe(2);
 });
 
-test("more markers than are kept are said", async () => {
-  many(10_500);
-  await vi.runAllTimersAsync();
+test("more markers than are kept are said before they are built", () => {
+  many(10_001);
   expect(layer.problem.value).toBe("more than 10000 markers");
-  expect(layer.objects.length).toBe(10_000);
+  expect(layer.objects.length).toBeLessThan(20);
 });
 
 test("nothing is built after the end", async () => {
