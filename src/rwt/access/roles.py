@@ -116,6 +116,12 @@ class Role:
         given.token = credential if is_token else ""
         return given
 
+    @property
+    def described(self) -> str:
+        """Name of the role, and of the credential that gave it, for logs."""
+        kind = "token " if self.token else ""
+        return f"{self.name} ({kind}{self.credential})" if self.credential else self.name
+
     def allows(self, act: Act, name: str) -> bool:
         """Return True if the role allows `act` on `name`, an absolute name."""
         return self.unrestricted or self._decisions[act, name]

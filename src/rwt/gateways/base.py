@@ -189,8 +189,8 @@ class ConnectionGateway(Gateway, Generic[C]):
         client = self._clients[number] = make(number, graph)
         self.shared.counters.clients += 1
         self.access.audit.write(
-            logging.INFO, f"{self.log_prefix}client %d joined from %s over %s",
-            number, info.address or "?", info.transport, client=f"{self.name}:{number}",
+            logging.INFO, f"{self.log_prefix}client %d joined from %s over %s as %s",
+            number, info.address or "?", info.transport, role.described, client=f"{self.name}:{number}",
         )  # fmt: skip
         return client
 

@@ -141,6 +141,17 @@ class LimitSettings(ClientLimits):
     )
 
 
+class LogSettings(Table):
+    """Log of `rwt serve` on standard error. The options `--verbose` and `--log-format` take precedence."""
+
+    level: Literal["debug", "info", "warning", "error"] = Field(
+        "info", description="lowest level of its lines"
+    )
+    format: Literal["text", "json", "logfmt"] = Field(
+        "text", description="text lines, one JSON object per line, or logfmt"
+    )
+
+
 class SettingsOfPart(NamedTuple):
     """Part whose settings a :class:`Settings` has.
 
@@ -252,6 +263,7 @@ class Settings(BridgeSettings):
             " also `x-forwarded-proto`, `x-forwarded-host` and `x-forwarded-prefix`. Others are ignored"
         ),
     ] = ("x-forwarded-for", "x-forwarded-proto")
+    log: LogSettings = LogSettings.model_construct()
     access_log: bool = Field(False, description="log each HTTP request")
     metrics_need_token: bool = Field(
         False,

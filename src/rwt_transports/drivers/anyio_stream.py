@@ -20,6 +20,7 @@ from rwt_transports.drivers.sockets import (
     Handshakes,
     accept_peers,
     bind,
+    cause_of,
     delivery_of,
     detect_lost_peers,
     hang_up_of,
@@ -215,7 +216,7 @@ async def _shake_hands(
                 return encrypted
     except Exception as error:
         # OpenSSL, the stream and the time limit raise unrelated errors; none may stop the listener.
-        logger.info("no TLS with %s: %s", host, error)
+        logger.info("no connection with %s: %s", host, cause_of(error))
     finally:
         if not done:
             with anyio.CancelScope(shield=True):

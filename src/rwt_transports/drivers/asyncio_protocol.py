@@ -37,6 +37,7 @@ from rwt_transports.drivers.sockets import (
     Handshakes,
     accept_peers,
     bind,
+    cause_of,
     delivery_of,
     detect_lost_peers,
     hang_up_of,
@@ -508,7 +509,8 @@ class AsyncioDriver:
                             make_link, accepted[0], ssl=address.tls, ssl_handshake_timeout=patience
                         )
                 except OSError as error:
-                    logger.info("a connection did not come about: %s", error)
+                    host = str(accepted[1][0]) if accepted[1] else address.path
+                    logger.info("no connection with %s: %s", host, cause_of(error))
                     # Break the cycle error → frames → error: it would keep the memory of the TLS handshake.
                     traceback.clear_frames(error.__traceback__)
                 except Exception:

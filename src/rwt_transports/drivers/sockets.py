@@ -258,6 +258,11 @@ def bind_unix(path: str, mode: int = OWNER_ONLY) -> socket.socket:
     return bound
 
 
+def cause_of(error: Exception) -> str:
+    """Return the text of an error; the name of its class if it has none, as when a peer has hung up."""
+    return str(error) or type(error).__name__
+
+
 def remove_unix(path: str) -> None:
     """Remove the name of a Unix socket that is no longer served."""
     with contextlib.suppress(FileNotFoundError):

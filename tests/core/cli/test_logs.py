@@ -6,10 +6,13 @@ import errno
 import io
 import json
 import logging
+import re
+import socket
 import sys
 from collections.abc import Iterator
 
 import pytest
+from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from rwt.cli import main
@@ -139,3 +142,57 @@ def test_the_log_of_a_command_ends_with_it(capsys: pytest.CaptureFixture[str]) -
     assert logging.getLogger().handlers == before
     logging.getLogger("tests.log").error("afterwards")
     assert "afterwards" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "is_json", "has_joined"),
+    [
+        ((), True, False),
+        (("--log-format", "text"), False, False),
+        (("--verbose",), True, True),
+        (("--set", "log.level=info"), True, True),
+    ],
+)
+def test_settings_choose_level_and_format_and_options_precede(
+    options: tuple[str, ...], is_json: bool, has_joined: bool
+) -> None:
+    environment = {"RWT_LOG__LEVEL": "warning", "RWT_LOG__FORMAT": "json"}
+    with running("serve", "ws://127.0.0.1:0", *options, environment=environment) as (process, url):
+        with connect(url):
+            pass
+        with pytest.raises(InvalidStatus):
+            connect(f"{url}?token=unknown-token")
+        process.terminate()
+        assert process.stderr is not None
+        lines = process.stderr.read().splitlines()
+    refused = next(line for line in lines if "auth.tokens" in line)
+    assert refused.startswith("{") == is_json
+    assert any("client 1 joined from 127.0.0.1 over" in line for line in lines) == has_joined
+
+
+def test_a_line_names_role_and_credential_of_a_new_client() -> None:
+    environment = {
+        "RWT_AUTH__TOKENS__TABLET__TOKEN": "0123456789abcdef",
+        "RWT_AUTH__TOKENS__TABLET__ROLE": "admin",
+        "RWT_AUTH__DEFAULT_ROLE": "viewer",
+    }
+    with running("serve", "ws://127.0.0.1:0", environment=environment) as (process, url):
+        with connect(url), connect(f"{url}?token=0123456789abcdef"):
+            pass
+        process.terminate()
+        assert process.stderr is not None
+        log = process.stderr.read()
+    assert "client 1 joined from 127.0.0.1 over ws as viewer\n" in log
+    assert "client 2 joined from 127.0.0.1 over ws as admin (token tablet)\n" in log
+    assert "0123456789abcdef" not in log
+
+
+def test_a_handshake_that_the_peer_ends_is_logged_with_address_and_reason() -> None:
+    pytest.importorskip("cryptography")
+    with running("serve", "wss://127.0.0.1:0", "--tls", "auto") as (process, url):
+        host, port = url.removeprefix("wss://").split(":")
+        with socket.create_connection((host, int(port))):
+            pass
+        assert process.stderr is not None
+        line = next(each for each in process.stderr if "no connection with" in each)
+    assert re.search(r"no connection with 127\.0\.0\.1: \S", line)

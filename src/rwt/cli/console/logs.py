@@ -117,19 +117,18 @@ def add_log_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--log-format",
         choices=FORMATS,
-        default="text",
         help="text lines, one JSON object per line, or logfmt (default text)",
     )
 
 
-def log_to_stderr(style: Format, *, verbose: bool) -> None:
-    """Log to stderr in this format, from level info, or debug if `verbose`."""
+def log_to_stderr(style: Format | None, *, verbose: bool, level: str = "info") -> None:
+    """Log to stderr in this format (default text), from this level, or debug if `verbose`."""
     handler = SteadyHandler(sys.stderr)
     made = {"json": JsonFormatter(), "logfmt": LogfmtFormatter(), "text": TextFormatter(_TEXT)}
-    handler.setFormatter(made[style])
+    handler.setFormatter(made[style or "text"])
     root = logging.getLogger()
     root.addHandler(handler)
-    root.setLevel(logging.DEBUG if verbose else logging.INFO)
+    root.setLevel("DEBUG" if verbose else level.upper())
 
 
 @contextmanager

@@ -165,8 +165,6 @@ class _Unavailable(argparse.Action):
 def _run(arguments: argparse.Namespace) -> int:
     from rwt.server import Server  # deferred: not needed by `--help` and completion
 
-    log_to_stderr(arguments.log_format, verbose=arguments.verbose)
-
     def read_again() -> LoadedSettings:
         try:
             return _settings(arguments)
@@ -176,6 +174,8 @@ def _run(arguments: argparse.Namespace) -> int:
     with command_errors():
         loaded = _settings(arguments)
     settings = loaded.settings
+    log = settings.log
+    log_to_stderr(arguments.log_format or log.format, verbose=arguments.verbose, level=log.level)
     with command_errors(loaded.with_places):
         recorder = _recorder()
         asked = None if recorder is None else recorder.request(arguments)
