@@ -247,6 +247,11 @@ def _place(key: Key, sources: Mapping[Key, str], file: Path | None) -> str:
     for length in range(len(key), 0, -1):
         if key[:length] in sources:
             return placed(key[:length], sources[key[:length]], file)
+    table = key[:-1]
+    if len(table) > 1:  # A member is missing: what sets another one creates the table.
+        others = (source for known, source in sources.items() if known[: len(table)] == table)
+        if (source := next(others, "")) and source != str(file):
+            return source
     return placed(key, str(file), file) if len(key) > 1 and file is not None else ""
 
 
