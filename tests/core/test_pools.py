@@ -31,7 +31,8 @@ NOT_SHARED: Final = MappingProxyType(
         ),
         **dict.fromkeys(
             ("limits.max_depth", "limits.structure_bytes", "limits.outgoing_message_bytes",
-             "auth.message_bytes", "web.message_bytes", "max_message_size", "mcp.request_bytes", "recorder.recording_bytes"),
+             "auth.message_bytes", "web.message_bytes", "max_message_size", "mcp.request_bytes",
+             "recorder.recording_bytes"),
             "of one message, request or recording",
         ),
         "api.goals": "of one client",
