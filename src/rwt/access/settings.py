@@ -184,6 +184,11 @@ class LeaseSettings(Table):
         description="roles in order of precedence: each may take the lease from those after it; roles not"
         " listed come last",
     )
+    max_age: LeaseSeconds | None = Field(
+        None,
+        description="largest age of a command by the stamp of its header, in seconds; the clocks of clients"
+        " and server must be synchronised; not set: delays are relative to the client's fastest command",
+    )
 
 
 class StopMessageSettings(Table):

@@ -8,9 +8,10 @@ import random
 import pytest
 
 from rwt.access.gate.lease import WakeWatch
+from rwt.access.settings import SettingsError
 from rwt_graph import SimulatedClock
 from rwt_interfaces.payload import Payload
-from tests.core.access.gated_robot import CLIENT, DRIVE, GATE, GatedRobot, call, drive, settings_of
+from tests.core.access.gated_robot import CLIENT, DRIVE, GATE, GatedRobot, call, drive, errors, settings_of
 
 PERIOD = 0.05
 LEASE = 0.5
@@ -210,6 +211,37 @@ def test_stamped_commands_that_waited_are_dropped_though_others_follow_closely(a
     speeds = [each.twist.linear.x for each in heard]
     assert 8 <= len([speed for speed in speeds if speed]) <= 12
     assert speeds[-1] == 0.0
+
+
+def test_commands_older_than_the_largest_age_are_refused_from_the_first_on() -> None:
+    rule = {"topics": ["/drive"], "stop": {}, "lease": {"seconds": LEASE, "max_age": 0.2}}
+    robot = GatedRobot({"drive": rule})
+    heard = robot.hear("/drive", STAMPED)
+    client = robot.client()
+    client.say("advertise", topic="/drive", type=STAMPED)
+
+    def send(age: float, speed: float = 0.3) -> str:
+        made = robot.clock.time_ns() - round(age * 1e9)
+        stamp = {"sec": made // 10**9, "nanosec": made % 10**9}
+        twist = {"linear": {"x": speed}}
+        client.say("publish", topic="/drive", msg={"header": {"stamp": stamp}, "twist": twist})
+        robot.clock.advance(PERIOD)
+        return errors(client)
+
+    text = send(0.35)
+    assert "the command is 0.350 s old by its stamp, limit is 0.2 s (`max_age`)" in text
+    assert "(gate.rules.drive.lease)" in text
+    assert not [each for each in heard if each.twist.linear.x]
+    assert send(0.1) == "" and heard[-1].twist.linear.x == 0.3
+    assert send(9.0, 0.0) == "" and heard[-1].twist.linear.x == 0.0
+    client.say("publish", topic="/drive", msg={"twist": {"linear": {"x": 0.4}}})
+    assert errors(client) == "" and heard[-1].twist.linear.x == 0.4
+
+
+def test_the_largest_age_needs_a_stamp() -> None:
+    rule = {**DRIVE, "lease": {"seconds": LEASE, "max_age": 0.2}}
+    with pytest.raises(SettingsError, match=r"drive.lease.max_age`: geometry_msgs/Twist has no header"):
+        GatedRobot({"drive": rule})
 
 
 def test_a_large_command_is_not_decoded_to_find_its_age() -> None:

@@ -111,12 +111,14 @@ class Freshness:
 
     Attributes:
         seconds: dead-man timeout.
+        max_age: largest age of a command by its stamp, in seconds of the graph's clock.
     """
 
-    __slots__ = ("_streams", "seconds")
+    __slots__ = ("_streams", "max_age", "seconds")
 
-    def __init__(self, seconds: float) -> None:
+    def __init__(self, seconds: float, max_age: float = inf) -> None:
         self.seconds = seconds
+        self.max_age = max_age
         self._streams: dict[Actor, _CommandStream] = {}
 
     def check(
@@ -141,10 +143,11 @@ class Freshness:
         elif streamed and stream.state is _State.DRIVING:
             stream.pace += ((gap - stream.pace) / 8) if stream.pace else gap
         stream.count += 1
-        late = 0.0
+        late, age = 0.0, 0.0
         has_header = command is not None and "header" in command.__struct_fields__
         if has_header and (stamp := _stamp_of(command)):
             times = (now, clock.time_ns() / NANOSECONDS)
+            age = times[1] - stamp
             late = min(delay.of(time - stamp, now) for delay, time in zip(stream.delays, times, strict=True))
         if is_stop:
             stream.sends_stop = True
@@ -152,6 +155,11 @@ class Freshness:
                 stream.state = _State.RELEASED
             return ""
         stream.state = self._next(stream, gap, late, streamed=streamed, was_stop=was_stop)
+        if age > self.max_age:
+            return (
+                f"the command is {age:.3f} s old by its stamp, limit is {self.max_age:g} s (`max_age`): send"
+                " newer ones, or synchronise the clocks"
+            )
         if stream.state in (_State.RELEASED, _State.DRIVING):
             return ""
         or_pause = "" if stream.sends_stop else ", or pause for as long,"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from math import inf
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from rwt.access.errors import GateRefused
@@ -160,7 +161,7 @@ class GuardedTopic:
         except NoSuchField as wrong:
             self.fault = f"{wrong} ({self.type.name}, {name})"
         self.lease = self._make_lease()
-        self._freshness = None if self.lease is None else Freshness(self.lease.settings.seconds)
+        self._freshness = self._make_freshness()
         if self.fault:
             if self.is_emergency:
                 gate.faults[name] = self.fault
@@ -192,6 +193,16 @@ class GuardedTopic:
             self._lease_changed,
             self._gate.require_lease_room,
         )
+
+    def _make_freshness(self) -> Freshness | None:
+        if self.lease is None:
+            return None
+        leases = ((rule.key, rule.settings.lease) for rule in self._rules)
+        ages = {lease.max_age: key for key, lease in leases if lease is not None and lease.max_age}
+        if ages and "header" not in self.type.struct.__struct_fields__:
+            key = next(iter(ages.values()))
+            self.fault = f"`{key}.lease.max_age`: {self.type.name} has no header with a stamp ({self.name})"
+        return Freshness(self.lease.settings.seconds, min(ages, default=inf))
 
     def _prepare_stop(self) -> None:
         """Make the stop message in advance, or raise NoSuchField if it does not fit the type."""
@@ -459,6 +470,7 @@ class GuardedTopic:
         self._motion.take_over(before._motion)
         streams = before._freshness
         if self._freshness is not None and streams is not None and self._freshness.seconds == streams.seconds:
+            streams.max_age = self._freshness.max_age
             self._freshness = streams  # Commands that waited are still rejected.
         self.driven_in, self.stopped_in = before.driven_in, before.stopped_in
         if self.is_emergency and self.driven_in == gate.presses:
