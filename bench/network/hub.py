@@ -3,7 +3,8 @@
 A robot publishes odometry, a scan and transforms at 10 Hz, and a camera at 20 Hz. All viewers have all of
 them; twenty have the camera at its full rate, the others once a second. Then all viewers want one message a
 second of a topic at 100 Hz. Then a Twist at 20 Hz goes to all viewers, from the hub and from the robot.
-Robot, hub and viewers are processes of their own. What counts is bytes and CPU time.
+Robot, hub and viewers are processes of their own. What counts is bytes and CPU time. With `--nodes N`, the
+hub has so many, and the viewers are spread over them.
 """
 
 from __future__ import annotations
@@ -18,15 +19,18 @@ import subprocess
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import AsyncExitStack, ExitStack
+from itertools import cycle
 from typing import Any, Final
 
 import anyio
+import anyio.to_thread
 
 from bench.traffic.wire import masked
 from rwt import Server
 from rwt.extensions.hub.hub import open_hub
 from rwt_transports import Limits
+from tests.processes import free_port
 
 FULL: Final = 20
 """Viewers of the camera's full rate."""
@@ -63,14 +67,25 @@ async def _publish(publisher: Any, hertz: float, size: int) -> None:
         await anyio.sleep_until(due)
 
 
-async def be_the_hub() -> None:
-    """Serve, and print CPU time and the robot's bytes when asked."""
+async def be_the_hub(listen: str, connect: str) -> None:
+    """Serve as a node, and print CPU time and the robot's bytes when asked.
+
+    Args:
+        listen: Zenoh endpoint for other nodes; empty for none.
+        connect: that of another node; empty for none.
+    """
 
     def received() -> int:
         carriers = [robot.carrier for robot in hub.robots if robot.carrier is not None]
         return sum(carrier.sink.received for carrier in carriers)
 
-    async with open_hub("ws://127.0.0.1:0", limits=WIDE) as hub:
+    async with open_hub("ws://127.0.0.1:0", limits=WIDE) as hub, AsyncExitStack() as stack:
+        if listen or connect:
+            from rwt.extensions.hub.nodes.directory import open_directory
+
+            ends = tuple(filter(None, (listen,))), tuple(filter(None, (connect,)))
+            cluster = open_directory(hub, hub.url, listen=ends[0], connect=ends[1], limits=WIDE)
+            await stack.enter_async_context(cluster)
         await _report(hub.url, received)
 
 
@@ -159,12 +174,20 @@ class Viewers:
 
 
 def watched(
-    parts: Sequence[Part], url: str, asked: Sequence[Sequence[Mapping[str, object]]], seconds: float
+    parts: Sequence[Part],
+    urls: Sequence[str],
+    asked: Sequence[Sequence[Mapping[str, object]]],
+    seconds: float,
 ) -> tuple[list[tuple[float, int]], list[int]]:
-    """Return CPU seconds and received bytes per second of each process, and the bytes of each viewer."""
+    """Return CPU seconds and received bytes per second of each process, and the bytes of each viewer.
+
+    Args:
+        urls: where the viewers connect in turn.
+        asked: subscriptions of each viewer.
+    """
     viewers = Viewers()
     try:
-        for subscriptions in asked:
+        for subscriptions, url in zip(asked, cycle(urls)):
             viewers.open(url, subscriptions)
         viewers.read(2.0)
         before, bytes_before, began = [part.ask() for part in parts], list(viewers.bytes), time.monotonic()
@@ -196,43 +219,59 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m bench.network.hub", description=__doc__)
     parser.add_argument("--viewers", type=int, nargs="+", default=[1, 10, 100, 1000], metavar="N")
     parser.add_argument("--seconds", type=float, default=10.0, help="of each row (default 10)")
+    parser.add_argument("--nodes", type=int, default=1, metavar="N", help="nodes of the hub (default 1)")
     parser.add_argument("part", nargs="*", help=argparse.SUPPRESS)
     options = parser.parse_args(argv)
     if options.part:
         if options.part[0] == "hub":
-            anyio.run(be_the_hub)
+            anyio.run(be_the_hub, *options.part[1:])
         else:
             anyio.run(be_the_robot, options.part[1])
         return 0
     with ExitStack() as stack:
-        hub = Part("hub")
-        stack.callback(hub.stop)
-        robot = Part("robot", f"{hub.url}/robots/rosie")
+        nodes = _started(options.nodes, stack)
+        robot = Part("robot", f"{nodes[0].url}/robots/rosie")
         stack.callback(robot.stop)
-        time.sleep(1.0)
-        url, parts = f"{hub.url}/rosie", (robot, hub)
-        print("| viewers | uplink kB/s | robot CPU ms/s | hub CPU ms/s |\n|---:|---:|---:|---:|")
-        for count in options.viewers:
-            (of_robot, of_hub), _ = watched(parts, url, [of_viewer(n) for n in range(count)], options.seconds)
-            print(f"| {count} | {of_hub[1] / 1e3:.1f} | {of_robot[0] * 1e3:.0f} | {of_hub[0] * 1e3:.0f} |")
-        most = max(options.viewers)
-        slow = [{"topic": "/fast", "type": "std_msgs/String", "throttle_rate": 1000}]
-        (_, of_hub), got = watched(parts, url, [slow] * most, options.seconds)
-        sizes = [each / size_of("/fast") for each in got]
-        rate = of_hub[1] / size_of("/fast")
-        print(f"\n{most} viewers at 1 Hz of 100 Hz: {rate:.2f} messages/s on the uplink, ", end="")
-        print(f"{min(sizes):.2f} to {max(sizes):.2f} Hz each")
-        twist = [{"topic": "/twist", "type": "std_msgs/String"}]
-        costs = []
-        for part, at in ((hub, url), (robot, robot.url)):
-            ((cpu, _),), got = watched((part,), at, [twist] * most, options.seconds)
-            costs.append(cpu / (sum(got) / size_of("/twist")) * 1e6)
-        print(
-            f"Twist to {most}: {costs[0]:.2f} µs of CPU per delivery at the hub, {costs[1]:.2f} directly: ",
-            end="",
-        )
-        print(f"{costs[0] / costs[1]:.2f}")
+        time.sleep(2.0)
+        _measure(nodes, robot, options.viewers, options.seconds)
     return 0
+
+
+def _started(count: int, stack: ExitStack) -> list[Part]:
+    endpoint = f"tcp/127.0.0.1:{free_port()}" if count > 1 else ""
+    nodes: list[Part] = []
+    for _ in range(count):
+        node = Part("hub", "" if nodes else endpoint, endpoint if nodes else "")
+        stack.callback(node.stop)
+        nodes.append(node)
+    return nodes
+
+
+def _measure(nodes: Sequence[Part], robot: Part, counts: Sequence[int], seconds: float) -> None:
+    home, parts = nodes[0], (robot, *nodes)
+    urls = [f"{node.url}/rosie" for node in nodes]
+    print("| viewers | uplink kB/s | robot CPU ms/s | hub CPU ms/s |\n|---:|---:|---:|---:|")
+    for count in counts:
+        (of_robot, *of_nodes), _ = watched(parts, urls, [of_viewer(n) for n in range(count)], seconds)
+        used = ", ".join(f"{seconds * 1e3:.0f}" for seconds, _ in of_nodes)
+        print(f"| {count} | {of_nodes[0][1] / 1e3:.1f} | {of_robot[0] * 1e3:.0f} | {used} |")
+    most = max(counts)
+    slow = [{"topic": "/fast", "type": "std_msgs/String", "throttle_rate": 1000}]
+    (_, of_home, *_), got = watched(parts, urls, [slow] * most, seconds)
+    sizes = [each / size_of("/fast") for each in got]
+    rate = of_home[1] / size_of("/fast")
+    print(f"\n{most} viewers at 1 Hz of 100 Hz: {rate:.2f} messages/s on the uplink, ", end="")
+    print(f"{min(sizes):.2f} to {max(sizes):.2f} Hz each")
+    twist = [{"topic": "/twist", "type": "std_msgs/String"}]
+    costs = []
+    for part, at in ((home, urls[0]), (robot, robot.url)):
+        ((cpu, _),), got = watched((part,), (at,), [twist] * most, seconds)
+        costs.append(cpu / (sum(got) / size_of("/twist")) * 1e6)
+    print(
+        f"Twist to {most}: {costs[0]:.2f} µs of CPU per delivery at the hub, {costs[1]:.2f} directly: ",
+        end="",
+    )
+    print(f"{costs[0] / costs[1]:.2f}")
 
 
 if __name__ == "__main__":
