@@ -201,8 +201,13 @@ class Link:
         crossed: samples that have crossed, as often as they did.
     """
 
-    def __init__(self, encode: Callable[[Sample], Frame] = encoded, limits: Limits = LIMITS) -> None:
-        self.clock = SimulatedClock()
+    def __init__(
+        self,
+        encode: Callable[[Sample], Frame] = encoded,
+        limits: Limits = LIMITS,
+        clock: SimulatedClock | None = None,
+    ) -> None:
+        self.clock = clock or SimulatedClock()
         self.pool = Pool(4_000_000)
         self.at_robot: dict[int, Stream] = {}
         self.peers: dict[int, Peer] = {}
@@ -254,22 +259,31 @@ class Link:
         """Return a viewer that has subscribed: a new client, or one with that stream."""
         stream = stream or self.open()
         screen, drops = Screen(), list[DropReason]()
-        self.feeds.admit(stream.number, screen)
-        flow: Flow = self.at_robot[stream.number].flow("/topic", rules, on_drop=drops.append)
+        number = self.admit(stream, screen)
+        flow: Flow = self.at_robot[number].flow("/topic", rules, on_drop=drops.append)
         if own:
             flow = GapFlow(flow, own)
         gate = Throttle(self.clock, flow, ignore, drops.append, Room(1_000_000))
         gate.configure(throttle, queue)
         gate.cut_to(piece)
         self.topic.add(gate)
-        viewer = Viewer(stream.number, screen, stream, gate, flow, drops)
-        self.peers[stream.number].on_end = partial(self.leave, viewer)
+        viewer = Viewer(number, screen, stream, gate, flow, drops)
+        self.peers[number].on_end = partial(self.leave, viewer)
         return viewer
+
+    def admit(self, stream: Stream, screen: Screen) -> int:
+        """Let a client have samples. Returns the number of its stream at the robot."""
+        self.feeds.admit(stream.number, screen)
+        return stream.number
 
     def hang_up(self, viewer: Viewer) -> None:
         """End the connection of a client at the hub; the robot hears of it later."""
-        viewer.stream.close()
-        self.feeds.ended(viewer.stream)
+        self.end(viewer.stream)
+
+    def end(self, stream: Stream) -> None:
+        """End a stream at the hub."""
+        stream.close()
+        self.feeds.ended(stream)
 
     def leave(self, viewer: Viewer) -> None:
         """End a subscription."""
@@ -306,16 +320,19 @@ class Link:
                 self.crossed += isinstance(frame, SamplePart) and frame.is_last
                 self.hub.receive(data, self.now)
 
+    @property
+    def is_settled(self) -> bool:
+        """True if nothing is under way."""
+        return not (self.to_robot or self.to_hub or self.hub.has_more or self.robot.has_more)
+
     def settle(self) -> None:
         """Let everything arrive."""
         for _ in range(10_000):
             self.clock.advance(0.0001)
             self.send()
-            if not (self.to_robot or self.to_hub):
-                if not (self.hub.has_more or self.robot.has_more):
-                    return
-                continue
-            self.arrive(max(len(self.to_robot), len(self.to_hub)))
+            if self.is_settled:
+                return
+            self.arrive(1000)
         raise AssertionError("it does not settle")
 
     def run(self, seconds: float, rate: float) -> None:
@@ -352,6 +369,65 @@ def test_drops_of_very_many_memberships_are_reported_as_fast_as_the_robot_takes_
         if reported == streams * topics:
             return
     raise AssertionError(f"{reported} reports")
+
+
+class Chain(Link):
+    """A robot, its home node, and another node, `far`, which has the clients.
+
+    Attributes:
+        near: streams at the home node, by those at the other one.
+    """
+
+    def __init__(self, limits: Limits = LIMITS) -> None:
+        self.far: Link | None = None
+        super().__init__(limits=limits)
+        self.far = Link(limits=limits, clock=self.clock)
+        self.near: dict[int, Stream] = {}
+
+    def _links(self) -> tuple[Link, ...]:
+        return () if self.far is None else (self.far,)
+
+    def open(self) -> Stream:
+        assert self.far is not None
+        near, stream = super().open(), self.far.open()
+        self.near[stream.number] = near
+        self.far.peers[stream.number].on_end = partial(self.end, near)
+        return stream
+
+    def admit(self, stream: Stream, screen: Screen) -> int:
+        assert self.far is not None
+        near = self.near[stream.number]
+        self.feeds.admit(near.number, self.far.at_robot[stream.number])
+        self.far.feeds.admit(stream.number, screen)
+        return near.number
+
+    def hang_up(self, viewer: Viewer) -> None:
+        assert self.far is not None
+        self.far.end(viewer.stream)
+
+    def connect(self) -> None:
+        super().connect()
+        for link in self._links():
+            link.connect()
+
+    def cut(self) -> None:
+        super().cut()
+        for link in self._links():
+            link.cut()
+
+    def send(self, most: int = 1_000_000) -> None:
+        super().send(most)
+        for link in self._links():
+            link.send(most)
+
+    def arrive(self, frames: int) -> None:
+        super().arrive(frames)
+        for link in self._links():
+            link.arrive(frames)
+
+    @property
+    def is_settled(self) -> bool:
+        return super().is_settled and all(link.is_settled for link in self._links())
 
 
 # -- one crossing ----------------------------------------------------------------------------------------
@@ -640,9 +716,11 @@ class FeedMachine(RuleBasedStateMachine):
     others get some of them, in order.
     """
 
+    make_link: type[Link] = Link
+
     def __init__(self) -> None:
         super().__init__()
-        self.link = Link(limits=Limits(message_bytes=1_000_000))
+        self.link = self.make_link(limits=Limits(message_bytes=1_000_000))
         self.published = 0
         self.viewers: dict[Viewer, list[int]] = {}
         self.every: set[Viewer] = set()
@@ -748,10 +826,20 @@ class FeedMachine(RuleBasedStateMachine):
             self.link.leave(viewer)
         self.link.settle()
         assert not len(self.link.feeds)
+        if isinstance(self.link, Chain):
+            assert self.link.far is not None and not len(self.link.far.feeds)
 
 
-FeedMachine.TestCase.settings = settings(max_examples=200, stateful_step_count=40, deadline=None)
+class ChainMachine(FeedMachine):
+    """The same with viewers at another node than the robot's."""
+
+    make_link = Chain
+
+
+FeedMachine.TestCase.settings = settings(max_examples=120, stateful_step_count=40, deadline=None)
 TestFeeds = FeedMachine.TestCase
+ChainMachine.TestCase.settings = settings(max_examples=80, stateful_step_count=40, deadline=None)
+TestChains = ChainMachine.TestCase
 
 
 def test_a_client_that_changes_its_subscriptions_faster_than_the_uplink_sends_is_ended() -> None:
