@@ -17,7 +17,7 @@ NODE_20 := $(shell node -p 'process.versions.node.split(".")[0] >= 20 || ""' 2>/
 
 .PHONY: demo test test-all unit-all quick lowest pythons matrix docs site dist release lint types unit web firefox lighthouse page-mutants compare-dashboards bench bench-ratchet bench-webrtc nat paper load soak page-soak schemathesis lichtblick \
 proxies ros-mcp fuzz mutants source-mutants conformance \
-client-grades size size-ratchet removal clean test-lerobot test-mavlink test-ros1 test-ros2 test-ros2-ci bench-ros1 bench-ros2 ros2-scene test-rclpy-real bench-rclpy
+client-grades size size-ratchet removal clean test-lerobot test-mavlink test-ros1 test-ros2 test-ros2-ci ros2-owner bench-ros1 bench-ros2 ros2-scene test-rclpy-real bench-rclpy
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
@@ -132,6 +132,16 @@ SECONDS := 30
 test-mavlink: $(STAMP)-test
 	MAVLINK_SECONDS=$(SECONDS) $(if $(SEED),MAVLINK_SEED=$(SEED)) $(if $(LINK),MAVLINK_LINK=$(LINK)) \
 		$(BIN)/python -m pytest -q -s rwt-mavlink/tests $(ARGS)
+
+# The journey of a robot's owner from an environment with only `rclpy` and its rmw, by the wheels of this checkout:
+# `make ros2-owner ROS2_DISTRO=jazzy OWNER_PYTHON=python3.12`. The robot's packages are in another environment.
+OWNER_PYTHON := python3.11
+OWNER := build/owner-$(ROS2_DISTRO)-$(OWNER_PYTHON)
+ros2-owner: $(STAMP)-dev $(ROS2)/.installed $(if $(NODE_20),$(PAGE))
+	$(ROS2)/bin/python -m pip install --quiet $(addprefix ros-$(ROS2_DISTRO)-,diagnostic-msgs visualization-msgs)
+	$(OWNER_PYTHON) -m venv --clear $(OWNER)
+	$(OWNER)/bin/python -m pip install --quiet . $(addprefix ros-$(ROS2_DISTRO)-,rclpy rmw-fastrtps-cpp)
+	$(WITH_ROS2) tools.ros2_owner $(OWNER)
 
 # CPU time per delivered message beside rosbridge_suite; SUITE is your workspace of it, built for the Python of ROS2.
 bench-ros2: $(STAMP)-dev $(ROS2)/.installed
