@@ -21,6 +21,7 @@ from rwt_mavlink import MavlinkSettings, Station
 from rwt_mavlink.link.addresses import LinkAddress, parse_link
 from rwt_mavlink.link.frames import dialect
 from rwt_mavlink.simulation.vehicle import SimulatedVehicle
+from rwt_participant.errors import CallFailed
 from tests.waiting import until, until_answered
 
 pytestmark = pytest.mark.anyio
@@ -144,6 +145,12 @@ async def test_a_server_with_the_setting(user: Node) -> None:
 
 
 async def test_tcp_is_opened_again(user: Node) -> None:
+
+    async def arms() -> bool:
+        with suppress(CallFailed):  # Not connected, or another vehicle than before.
+            return bool((await user.call("/mavros/cmd/arming", {"value": True}, timeout=PATIENCE)).success)
+        return False
+
     with socket.create_server(("127.0.0.1", 0)) as listener:
         port = listener.getsockname()[1]
         async with Station(user.graph, MavlinkSettings(link=f"tcp://127.0.0.1:{port}")):
@@ -159,9 +166,8 @@ async def test_tcp_is_opened_again(user: Node) -> None:
                         return b""
 
                     with flying(SimulatedVehicle(), exchange) as vehicle:
-                        await connected(user)
-                        arming = await user.call("/mavros/cmd/arming", {"value": True}, timeout=PATIENCE)
-                        assert arming.success and vehicle.is_armed
+                        await until_answered(arms)
+                        assert vehicle.is_armed
 
 
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs pseudo terminals")

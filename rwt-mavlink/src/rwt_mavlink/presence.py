@@ -48,6 +48,7 @@ class Presence:
         self._timeout = timeout
         self._sources: dict[Source, float] = {}
         self._boot_ms: int | None = None
+        self._started_at = 0.0
         self._restarts: deque[float] = deque(maxlen=_RESTARTS)
         self._clash_until = 0.0
 
@@ -70,11 +71,16 @@ class Presence:
         boot_ms: int | None = getattr(message, "time_boot_ms", None)
         if not boot_ms:
             return False
+        started_at = now - boot_ms / 1000
         before, self._boot_ms = self._boot_ms, boot_ms
-        if before is None or (boot_ms - before) % _WRAP_MS < _WRAP_MS // 2:
+        earlier, self._started_at = self._started_at, started_at
+        if before is None:
             return False
-        if (before - boot_ms) % _WRAP_MS <= _LATE_MS:
-            self._boot_ms = before
+        if (boot_ms - before) % _WRAP_MS < _WRAP_MS // 2:
+            # The messages after a restart may be lost until its time is later than the last that was heard.
+            return abs(started_at - earlier) % (_WRAP_MS / 1000) > _LATE_MS / 1000 and started_at > earlier
+        if (before - boot_ms) % _WRAP_MS <= _LATE_MS and abs(started_at - earlier) <= _LATE_MS / 1000:
+            self._boot_ms, self._started_at = before, earlier
             return False
         self._restarts.append(now)
         if len(self._restarts) == _RESTARTS and now - self._restarts[0] < CLASH_SECONDS:
