@@ -188,6 +188,18 @@ async def test_clients_follow_a_robot_to_another_node() -> None:
                 assert third.directory.home("rosie") != home
 
 
+async def test_a_robot_dials_in_at_the_next_node() -> None:
+    async with nodes(3) as (first, second, third), AsyncExitStack() as stack:
+        urls = ",".join(f"{each.hub.url}/robots/rosie" for each in (first, second))
+        await stack.enter_async_context(Server(dial={"urls": [urls]}, nodes=()))
+        await until(lambda: third.directory.home("rosie") == first.directory.id)
+        assert first.robot.carrier is not None
+        first.robot.carrier.give_up(1001, "the node is going away")
+        await until(lambda: third.directory.home("rosie") == second.directory.id)
+        async with viewer(third.url):
+            assert second.robot.is_reachable
+
+
 async def test_a_robot_that_leaves_is_left_everywhere() -> None:
     async with nodes(2) as (home, other):
         async with robot(home, other), connect(other.url) as link:

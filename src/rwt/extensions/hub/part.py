@@ -21,7 +21,11 @@ if TYPE_CHECKING:
 class DialSettings(Table):
     """Hubs that the robot connects to, so that clients outside of its network reach it."""
 
-    urls: tuple[str, ...] = Field((), description="hubs, as `wss://HUB/robots/NAME` with the robot's name")
+    urls: tuple[str, ...] = Field(
+        (),
+        description="hubs, as `wss://HUB/robots/NAME` with the robot's name; nodes of one hub"
+        " are alternatives, separated by commas in one text",
+    )
     token: PlainToken | None = Field(
         None, description="token for the hubs: 16 to 256 of the characters A-Z a-z 0-9 - . _ ~"
     )

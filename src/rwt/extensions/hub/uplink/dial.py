@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import secrets
 import time
-from collections.abc import AsyncIterator, Callable, Collection
+from collections.abc import AsyncIterator, Callable, Collection, Sequence
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -75,7 +75,7 @@ class UplinkStatus:
     """Status of the uplink to one hub.
 
     Attributes:
-        url: URL of the hub, with the robot's path.
+        url: URL of the hub, with the robot's path; of several nodes, the one in use.
         connected: True while it is open.
         hub: name and version of the hub's program; empty before the first connection.
         clients: number of clients and pages that it serves.
@@ -120,6 +120,7 @@ async def dial(
 
     Args:
         url: ``wss://HUB/robots/NAME`` or ``ws://HUB/robots/NAME``; NAME is what clients call the robot.
+            Several nodes of a hub are separated by commas: one is used at a time, and the next if it fails.
         accept: makes the endpoint of each client; may raise :exc:`~rwt_transports.errors.Refused`, which the
             hub answers. The address of a client is the hub's word, and never one of this machine.
         token: token of the robot for the hub.
@@ -182,13 +183,14 @@ async def open_uplink(
     headers = {INSTANCE: secrets.token_hex(8), "Sec-WebSocket-Protocol": SUBPROTOCOL}
     if token is not None:
         headers["Authorization"] = f"Bearer {token}"
-    status = UplinkStatus(url)
+    urls = url.split(",")
+    status = UplinkStatus(urls[0])
     chosen = limits or Limits()
     pool = buffers or chosen.receive_pool()
-    connect_one = partial(connect, url, limits=chosen, buffers=pool, tls=tls, headers=headers)
+    connect_one = partial(connect, limits=chosen, buffers=pool, tls=tls, headers=headers)
     counted = addresses or AddressCount(chosen.connections_per_address)
     last = {UNUSED} if until_unused else set[int]()
-    robot = _Robot(status, serve, backoff, connect_one, counted, chosen, pool, identify, last)
+    robot = _Robot(status, urls, serve, backoff, connect_one, counted, chosen, pool, identify, last)
     async with background_tasks() as tasks:
         tasks.start_soon(robot.run)
         try:
@@ -199,24 +201,33 @@ async def open_uplink(
 
 
 def check_dial_url(url: str) -> None:
-    """Check a dial-out URL.
+    """Check a dial-out URL, or several that are separated by commas.
 
     Raises:
         BadUrl: the URL is invalid; the text gives the fault and an example.
     """
     example = "for example wss://hub.example/robots/my_robot"
-    try:
-        target = parse_connect_url(url)
-    except BadUrl as error:
-        raise BadUrl(f"cannot dial {url!r}: expected the WebSocket URL of a hub, {example}") from error
-    if not target.scheme.http:
-        raise BadUrl(f"cannot dial {url!r}: a hub is reached by ws:// or wss://, {example}")
-    name = target.path.removeprefix(ROBOTS)
-    if not target.path.startswith(ROBOTS) or not is_robot_name(name):
-        raise BadUrl(f"cannot dial {url!r}: its path must be {ROBOTS}NAME, {example}; a name is {NAME_RULE}")
+    names = set[str]()
+    for each in url.split(","):
+        try:
+            target = parse_connect_url(each)
+        except BadUrl as error:
+            raise BadUrl(f"cannot dial {each!r}: expected the WebSocket URL of a hub, {example}") from error
+        if not target.scheme.http:
+            raise BadUrl(f"cannot dial {each!r}: a hub is reached by ws:// or wss://, {example}")
+        name = target.path.removeprefix(ROBOTS)
+        if not target.path.startswith(ROBOTS) or not is_robot_name(name):
+            raise BadUrl(
+                f"cannot dial {each!r}: its path must be {ROBOTS}NAME, {example}; a name is {NAME_RULE}"
+            )
+        names.add(name)
+    if len(names) > 1:
+        raise BadUrl(
+            f"cannot dial {url!r}: its alternatives are nodes of one hub, where the robot has one name"
+        )
 
 
-_ConnectOne = Callable[[Accept], AbstractAsyncContextManager[OutgoingConnection]]
+_ConnectOne = Callable[[str, Accept], AbstractAsyncContextManager[OutgoingConnection]]
 
 
 class _Robot:
@@ -228,14 +239,15 @@ class _Robot:
       `limits.connections` by stream).
     * Uplink: ``uplink`` (None without a session), ``_limits``, ``_buffers``, ``_carrier`` (the connection;
       None without one), ``scheduler`` (of writing).
-    * Connecting: ``status``, ``_backoff``, ``_connect_one``, ``_running`` (cancelled when the robot leaves),
-      ``_is_leaving``, ``_ended`` (code of the last connection's end), ``_last`` (codes after which there is
-      no further attempt).
+    * Connecting: ``status``, ``_urls`` (alternatives), ``_backoff``, ``_connect_one``, ``_running``
+      (cancelled when the robot leaves), ``_is_leaving``, ``_ended`` (code of the last connection's end),
+      ``_last`` (codes after which there is no further attempt).
     """
 
     def __init__(
         self,
         status: UplinkStatus,
+        urls: Sequence[str],
         serve: Serve,
         backoff: Backoff,
         connect_one: _ConnectOne,
@@ -247,6 +259,7 @@ class _Robot:
     ) -> None:
         self.scheduler = Scheduler.of_loop(WRITING)
         self.status = status
+        self._urls = urls
         self.uplink: Uplink | None = None
         self._carrier: _HubCarrier | None = None
         self._serve = serve
@@ -289,7 +302,7 @@ class _Robot:
         while self._ended not in self._last:
             if status.failures:
                 backoff = REPLACED_BACKOFF if self._ended == REPLACED else self._backoff
-                delay = backoff.delay(status.failures)
+                delay = backoff.delay(self._choose_url())
                 if delay is None:
                     logger.error("gave up dialling %s: %s", status.url, status.error)
                     return
@@ -300,10 +313,21 @@ class _Robot:
                 self._ended = 0
                 self._failed(str(error))
 
+    def _choose_url(self) -> int:
+        """Choose the alternative to try after a failure. Returns how often that was tried in vain.
+
+        The first attempt after a loss is at the same node, which may resume the session, unless it is going
+        away.
+        """
+        status, urls = self.status, self._urls
+        if status.failures > 1 or self._ended == GOING_AWAY:
+            status.url = urls[(urls.index(status.url) + 1) % len(urls)]
+        return 1 + (status.failures - 1) // len(urls)
+
     async def _connected(self) -> None:
         """Serve over one connection, until it ends."""
         opened = time.monotonic()
-        async with self._connect_one(partial(_HubCarrier, self)):
+        async with self._connect_one(self.status.url, partial(_HubCarrier, self)):
             carrier = self._carrier
             assert carrier is not None
             greeting = "" if self.uplink is None else self.uplink.session
