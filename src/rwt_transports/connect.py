@@ -132,7 +132,7 @@ class _Handshaking(UnbufferedCallbacks):
 
     def lost(self) -> None:
         address = self._outgoing.target.address
-        self._outgoing.fail(ConnectError(f"{address} hung up before the connection was open"))
+        self._outgoing.fail(ConnectError(f"{address} hung up before the connection was open", "hung_up"))
 
 
 @asynccontextmanager
@@ -233,7 +233,8 @@ def _explained(target: ConnectUrl, error: OSError) -> ConnectError:
     if isinstance(error, ssl.SSLError):
         reason = getattr(error, "verify_message", "") or _TLS_REASONS.get(error.reason or "", error.reason)
         text = f"cannot connect to {target.address} in TLS: {reason or 'the handshake failed'}"
-        return ConnectError(text, "tls")
+        is_expired = "expired" in reason or "not yet valid" in reason if reason else False
+        return ConnectError(text, "no_tls" if reason == _NO_TLS else "expired" if is_expired else "tls")
     original = error.__cause__
     number = error.errno or (original.errno if isinstance(original, OSError) else None)
     cause: ConnectCause = "other"
@@ -244,5 +245,5 @@ def _explained(target: ConnectUrl, error: OSError) -> ConnectError:
     elif number == errno.ECONNREFUSED or not number or number < 0:
         reason, cause = "the connection was refused; is the server running?", "refused"
     else:
-        reason = os.strerror(number)
+        reason, cause = os.strerror(number), "permission" if number == errno.EACCES else "other"
     return ConnectError(f"cannot connect to {target.address}: {reason}", cause)

@@ -22,8 +22,15 @@ class ListenError(TransportError):
     """The address could not be opened: it is in use, not of this machine, or not permitted."""
 
 
-ConnectCause: TypeAlias = Literal["refused", "unknown_host", "tls", "unauthorized", "no_path", "other"]
-"""Cause of a failure to connect; `no_path`: no pair of ICE candidates works."""
+ConnectCause: TypeAlias = Literal[
+    "refused", "unknown_host", "tls", "expired", "no_tls", "no_websocket", "hung_up", "permission",
+    "unauthorized", "no_path", "other",
+]  # fmt: skip
+"""Cause of a failure to connect.
+
+`no_tls`: the server does not use TLS; `no_websocket`: an HTTP server answers, and does not upgrade;
+`no_path`: no pair of ICE candidates works.
+"""
 
 
 class ConnectError(TransportError):
@@ -40,7 +47,9 @@ class ConnectError(TransportError):
     @staticmethod
     def cause_of(status: int) -> ConnectCause:
         """Return the cause for an HTTP status other than success."""
-        return "unauthorized" if status in (401, 403) else "other"
+        if status in (401, 403):
+            return "unauthorized"
+        return "no_websocket" if status < 429 or status in (501, 502) else "other"
 
 
 class Refused(TransportError):

@@ -82,15 +82,16 @@ class ClientHandshake:
         if not self._silent:
             self._protocol.receive_eof()
             self._refused()
-        raise ConnectError(f"{self._where} hung up during the WebSocket handshake")
+        raise ConnectError(f"{self._where} hung up during the WebSocket handshake", "hung_up")
 
     def _refused(self) -> None:
         for event in self._protocol.events_received():
             if isinstance(event, Response):
                 # A server of any kind may answer: 200 characters of it are enough for one line of an error.
                 said = (event.body or b"").decode("utf-8", "replace").strip()[:200]
-                text = f": {said}" if said else f" {event.reason_phrase}".rstrip()
+                is_page = "html" in event.headers.get("Content-Type", "") or said.startswith("<")
+                text = f": {said}" if said and not is_page else f" {event.reason_phrase}".rstrip()
                 cause = ConnectError.cause_of(event.status_code)
                 raise ConnectError(f"{self._where} answers {event.status_code}{text}", cause)
         if self._protocol.handshake_exc is not None:
-            raise ConnectError(f"{self._where} does not speak WebSocket")
+            raise ConnectError(f"{self._where} does not speak WebSocket", "hung_up")

@@ -61,6 +61,14 @@ _CONNECT_ADVICE: Final[dict[ConnectCause, str]] = {
     "refused": "start the server (`rwt serve`, or rosbridge's launch file), and compare port and address",
     "unknown_host": "check the host name, or use the address",
     "tls": "check that the certificate names this host, and pass its authority with --cafile",
+    "expired": "renew the certificate, and reload the server (`systemctl reload robot`); if it is valid,"
+    " set the clock of this machine",
+    "no_tls": "this port does not use TLS: use ws://, or set `tls.certfile` or `--tls auto` at the server",
+    "no_websocket": "a proxy or another server answers: let the proxy pass `Upgrade` and `Connection` on"
+    " (nginx: proxy_http_version 1.1; proxy_set_header Upgrade $http_upgrade; proxy_set_header Connection"
+    " upgrade;), and compare port and path",
+    "hung_up": "another kind of server listens on this port; if it uses TLS, use wss://",
+    "permission": "this user may not use the socket: check owner and mode with `ls -l`, or run as its group",
     "no_path": "no pair of candidates works: behind a NAT, set `webrtc.servers` of the robot to a STUN"
     " server, or a TURN server if that is not enough; allow UDP in firewalls",
     "other": "check address, port and firewall; a server on 127.0.0.1 only accepts local connections",
