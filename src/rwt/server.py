@@ -53,6 +53,7 @@ from rwt.observability.supervision import (
 )
 from rwt.settings.sources import LoadedSettings, changed_names, with_changes
 from rwt.signals import HANGUP, STOP_SIGNALS, Stopped, on_signals, stopped_by_signals, terminal_is_gone
+from rwt.tls.expiry import expiry_metrics, warn_of_expiry
 from rwt.tls.machine import outward_address
 from rwt.tls.tls import renew_server_tls, server_tls
 from rwt_graph.api import Graph
@@ -378,6 +379,7 @@ class Server:
             raise SettingsError(read.with_places(str(error))) from None
         for reload_roles in running.reload_roles:
             reload_roles()
+        warn_of_expiry(settings.tls)
         if running.metrics.globs is not None:
             running.metrics.globs.take(settings)
         if running.tls is not None:
@@ -490,7 +492,8 @@ class Server:
         stack.callback(bridge.close)
         globs = GlobCheck(graph, settings)
         stack.callback(globs.close)
-        http = (*http, globs.http)
+        http = (*http, globs.http, expiry_metrics(settings.tls))
+        warn_of_expiry(settings.tls)
         gateways = self._start_gateways(access, http, stack)
         of_gateways = (counted(each.http, each.shared.counters) for each in gateways)
         extensions: list[HttpExtension[GraphView]] = [*http, *of_gateways]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import gc
+import os
+import shutil
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -118,6 +120,9 @@ def add_serve_command(commands: Commands) -> None:
     parser.set_defaults(run=_run)
 
 
+_LEAST_FREE_BYTES: Final = 1024 * 1024
+"""Free space that a server needs to write anything, in bytes."""
+
 _OPTION: Final = "setting:"
 """Prefix of the names of options that are settings of parts, before the key."""
 
@@ -198,13 +203,43 @@ def _check(settings: Settings) -> None:
     """Check what a server reads when it starts."""
     from rwt.cli.commands.gate.trial import Trial
     from rwt.composition.starting import load_encodings
+    from rwt.tls.expiry import expiry_warning
     from rwt.tls.tls import server_tls
 
     if not settings.tls.auto:  # It would create a certificate.
         server_tls(settings.tls)
+        if warning := expiry_warning(settings.tls):
+            if "has expired" in warning:
+                raise SettingsError(warning)
+            print(f"warning: {warning}")
+    for key, folder in _written_folders(settings):
+        _require_writable(key, folder)
     load_encodings(settings.encodings)
     Trial(settings)  # Roles, tokens and rules of the gate.
     print("the settings are valid; not checked: whether addresses are free, and other machines")
+
+
+def _written_folders(settings: Settings) -> Iterator[tuple[str, Path]]:
+    """Yield key and path of what the server will write, as far as it exists."""
+    audit = settings.gate.audit.file
+    if audit is not None:
+        yield "gate.audit.file", audit if audit.exists() else audit.parent
+    folder = getattr(getattr(settings, "recorder", None), "folder", None)
+    if folder is not None:
+        existing = (each for each in (folder, *folder.absolute().parents) if each.exists())
+        yield "recorder.folder", next(existing)
+
+
+def _require_writable(key: str, path: Path) -> None:
+    """Raise SettingsError if this user may not write to a file or folder; nothing is written."""
+    if not path.exists():
+        raise SettingsError(f"`{key}`: {path}: there is no such folder")
+    if key == "recorder.folder" and not path.is_dir():
+        raise SettingsError(f"`{key}`: {path} is a file: expected a folder")
+    if not os.access(path, os.W_OK):
+        raise SettingsError(f"`{key}`: {path}: cannot be written by this user")
+    if shutil.disk_usage(path).free < _LEAST_FREE_BYTES:
+        raise SettingsError(f"`{key}`: {path}: the disk is full")
 
 
 @contextmanager
