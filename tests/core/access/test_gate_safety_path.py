@@ -155,7 +155,7 @@ def test_a_new_topic_examines_a_fixed_number_of_others() -> None:
 
 
 def test_long_names_of_clients_are_not_kept() -> None:
-    rules = Rules(GateSettings.model_validate({"rules": {"drive": EVERY_DRIVE}}).rules)
+    rules = Rules(GateSettings.model_validate({"rules": {"drive": EVERY_DRIVE}}))
     before = held(rules)
     assert rules.of("publish", "/x/" + "n" * 10_000) == rules.all
     assert held(rules) == before

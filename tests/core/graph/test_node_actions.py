@@ -159,4 +159,4 @@ async def test_before_the_graph_runs_goals_are_rejected(graph: MemoryGraph) -> N
 
 async def test_plain_functions_cannot_execute(graph: MemoryGraph) -> None:
     with pytest.raises(TypeError, match="must be a coroutine function"):
-        Node(graph, "n").advertise_action("/fib", FIBONACCI, lambda _: {"sequence": []})  # type: ignore[arg-type, return-value]  # the mistake under test
+        Node(graph, "n").advertise_action("/fib", FIBONACCI, lambda _: {"sequence": []})
