@@ -135,7 +135,7 @@ def test_nobody_there(rwt: Rwt) -> None:
 
 @pytest.mark.parametrize(
     ("url", "advice"),
-    [("ws://no.such.host.invalid:1", "check the host name"), ("wss", "check that the certificate names")],
+    [("ws://no.such.host.invalid:1", "check the host name"), ("wss", "this port does not use TLS")],
 )
 def test_advice_is_about_the_cause(rwt: Rwt, demo: str, url: str, advice: str) -> None:
     ended = rwt("doctor", demo.replace("ws", url, 1) if url == "wss" else url)
