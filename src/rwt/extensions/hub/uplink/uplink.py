@@ -57,7 +57,7 @@ MAX_ORDERS: Final = 16_384
 
 WATCHED_PING_SECONDS: Final = 1.0
 """Silence after which a connection with streams is probed."""
-IDLE_PING_SECONDS: Final = 15.0
+IDLE_PING_SECONDS: Final = 8.0
 """The same for one without."""
 PONG_SECONDS: Final = 2.0
 """Further silence after which a probed connection counts as lost."""
