@@ -239,7 +239,7 @@ def _explained(target: ConnectUrl, error: OSError) -> ConnectError:
     number = error.errno or (original.errno if isinstance(original, OSError) else None)
     cause: ConnectCause = "other"
     if number == errno.ENOENT:
-        reason = "there is no such file"
+        reason, cause = "there is no such file", "refused"
     elif isinstance(error, socket.gaierror):
         reason, cause = "the host is not known", "unknown_host"
     elif number == errno.ECONNREFUSED or not number or number < 0:

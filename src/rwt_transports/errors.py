@@ -24,7 +24,7 @@ class ListenError(TransportError):
 
 ConnectCause: TypeAlias = Literal[
     "refused", "unknown_host", "tls", "expired", "no_tls", "no_websocket", "hung_up", "permission",
-    "unauthorized", "no_path", "other",
+    "unauthorized", "forbidden", "no_path", "other",
 ]  # fmt: skip
 """Cause of a failure to connect.
 
@@ -48,7 +48,7 @@ class ConnectError(TransportError):
     def cause_of(status: int) -> ConnectCause:
         """Return the cause for an HTTP status other than success."""
         if status in (401, 403):
-            return "unauthorized"
+            return "unauthorized" if status == 401 else "forbidden"
         return "no_websocket" if status < 429 or status in (501, 502) else "other"
 
 

@@ -69,6 +69,8 @@ _CONNECT_ADVICE: Final[dict[ConnectCause, str]] = {
     " upgrade;), and compare port and path",
     "hung_up": "another kind of server listens on this port; if it uses TLS, use wss://",
     "permission": "this user may not use the socket: check owner and mode with `ls -l`, or run as its group",
+    "forbidden": "the server rejects this origin, host name or role: add it to the setting that the answer"
+    " names; an origin with its port, unless that is the usual one of its scheme",
     "no_path": "no pair of candidates works: behind a NAT, set `webrtc.servers` of the robot to a STUN"
     " server, or a TURN server if that is not enough; allow UDP in firewalls",
     "other": "check address, port and firewall; a server on 127.0.0.1 only accepts local connections",
@@ -174,7 +176,7 @@ async def _examine(arguments: Arguments, check: CheckPart | None, report: Callab
         tls = tls_of(arguments)
         for finding in await _over_http(url, min(limit, _PATIENCE), tls):
             report(finding)
-        headers = request_headers(arguments)
+        headers = _headers(arguments)
         if check is not None:
             await check.examine(CheckContext(url, headers, tls), report)
         probe = WireProbe()
@@ -196,6 +198,21 @@ async def _examine(arguments: Arguments, check: CheckPart | None, report: Callab
     except TransportError as error:
         cause = error.cause if isinstance(error, ConnectError) else "other"
         report(Finding("connection", "problem", str(error), _how_to_connect(cause, token)))
+
+
+def _headers(arguments: Arguments) -> dict[str, str]:
+    """Return the headers of the connection request, with the origin of a page if one is given."""
+    from rwt_transports.schemes import scheme_of
+
+    headers = request_headers(arguments)
+    if not arguments.origin:
+        return headers
+    scheme = scheme_of(url_of(arguments))
+    if scheme is None or not scheme.http:
+        raise CommandError(
+            "--origin requires ws:// or wss://: no page can use other transports", CALLED_WRONGLY
+        )
+    return {**headers, "Origin": arguments.origin}
 
 
 def _robot_finding(network: NetworkState) -> Finding:
@@ -253,8 +270,7 @@ def _how_to_connect(cause: ConnectCause, token: bool) -> str:
     if cause != "unauthorized":
         return _CONNECT_ADVICE[cause]
     missing = "the server requires a token: --token or RWT_TOKEN"
-    advice = "the token is invalid: ask the operator of the server" if token else missing
-    return f"{advice}; or it rejects this address or origin"
+    return "the token is invalid: ask the operator of the server" if token else missing
 
 
 async def _over_http(url: str, patience: float, tls: ssl.SSLContext | None) -> list[Finding]:
@@ -488,6 +504,9 @@ _DOCTOR: Final = LocalVerb(
             "--stop-latency",
             help="instead, measure how fast a gate on this machine stops a robot, with a server in this"
             " process",
+        ),
+        argument(
+            "--origin", metavar="ORIGIN", help="connect as a page of this origin, like https://ui.example.com"
         ),
         add_robot_options,
     ),
