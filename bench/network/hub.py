@@ -106,6 +106,7 @@ class Part:
         command = [sys.executable, "-m", "bench.network.hub", *arguments]
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         self.url: str = self._line()
+        self.pid = self._process.pid
 
     def _line(self) -> Any:
         assert self._process.stdout is not None
@@ -229,7 +230,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             anyio.run(be_the_robot, options.part[1])
         return 0
     with ExitStack() as stack:
-        nodes = _started(options.nodes, stack)
+        nodes = started(options.nodes, stack)
         robot = Part("robot", f"{nodes[0].url}/robots/rosie")
         stack.callback(robot.stop)
         time.sleep(2.0)
@@ -237,7 +238,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _started(count: int, stack: ExitStack) -> list[Part]:
+def started(count: int, stack: ExitStack) -> list[Part]:
+    """Return the nodes of a hub, which are stopped with the stack."""
     endpoint = f"tcp/127.0.0.1:{free_port()}" if count > 1 else ""
     nodes: list[Part] = []
     for _ in range(count):

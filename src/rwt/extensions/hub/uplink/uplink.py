@@ -52,6 +52,9 @@ _PART_SECONDS: Final = 0.004
 BULK_SHARE: Final = 10
 """The lane `BULK` gets at least one of so many bytes, if it has any to send."""
 
+_NO_FRAMES: Final[deque[bytes]] = deque(maxlen=0)
+"""Shared by all uplinks, because a robot without clients should take little memory."""
+
 MAX_ORDERS: Final = 16_384
 """Maximum number of answers that wait for a side that acknowledges nothing."""
 
@@ -161,11 +164,11 @@ class Uplink:
         self._probed: float | None = None
         self._sent = self._base = 0
         self._retained: deque[_Retained] = deque()
-        self._again: deque[bytes] = deque()
+        self._again = _NO_FRAMES
         self.received = self._acked = 0
-        self._urgent: deque[bytes] = deque()
+        self._urgent: list[bytes] = []
         self._orders: deque[bytes] = deque()
-        self._ready: dict[Lane, deque[Stream | Feeds]] = {lane: deque() for lane in ALL_LANES}
+        self._ready: dict[Lane, deque[Stream | Feeds]] = {}
         self._is_ready: set[tuple[Lane, int]] = set()
         self._bulk_owed = 0
 
@@ -207,7 +210,7 @@ class Uplink:
         key = (lane, stream.number)
         if key not in self._is_ready:
             self._is_ready.add(key)
-            self._ready[lane].append(stream)
+            self._ready.setdefault(lane, deque()).append(stream)
 
     def order(self, frame: bytes) -> None:
         """Send a sequenced frame ahead of messages."""
@@ -250,9 +253,9 @@ class Uplink:
         self._urgent.clear()
         self._acked = self.received
         # They precede those that a former loss has left.
-        self._again.extendleft(
-            each.frame for each in reversed(lost) if self._repeats or each.frame[0] not in _OF_MESSAGES
-        )
+        again = [each.frame for each in lost if self._repeats or each.frame[0] not in _OF_MESSAGES]
+        if again:
+            self._again = deque((*again, *self._again))
         if not self._repeats:
             for number in {each.stream for each in lost if each.frame[0] in _OF_MESSAGES}:
                 self._abandon(number, "a message was lost with the connection: its outcome is unknown")
@@ -286,12 +289,9 @@ class Uplink:
             stream.ended(code, reason)
         self.streams.clear()
         self.closing.clear()
-        for frames in (self._again, self._orders, self._urgent):
-            frames.clear()
-        self._retained.clear()
-        for ready in self._ready.values():
-            ready.clear()
-        self._is_ready.clear()
+        self._again = _NO_FRAMES
+        for waiting in (self._orders, self._urgent, self._retained, self._ready, self._is_ready):
+            waiting.clear()
 
     def tick(self, now: float) -> bool:
         """Check the timeouts. Returns False if the connection, or the chance of another one, is lost."""
@@ -364,9 +364,10 @@ class Uplink:
 
     def _from_lane(self, lane: Lane, part: int, served: dict[int, Stream | Feeds]) -> bytes | None:
         """Return the next frame of a lane: one of each stream in turn."""
-        ready = self._ready[lane]
-        while ready:
+        while ready := self._ready.get(lane):
             stream = ready.popleft()
+            if not ready:
+                del self._ready[lane]
             # Before it is asked, which may make it ready anew.
             self._is_ready.discard((lane, stream.number))
             frame = stream.take(lane, part)
@@ -421,7 +422,7 @@ class Uplink:
                 self._control(stream, frame)
         elif isinstance(frame, Ping) and not frame.is_answer:
             # One answer for any number of pings: a flood of them queues nothing.
-            self._urgent = deque(each for each in self._urgent if each[0] != Kind.PONG)
+            self._urgent = [each for each in self._urgent if each[0] != Kind.PONG]
             self._urgent.append(encode_ping(frame.payload, is_answer=True))
             self._wake()
 
