@@ -167,7 +167,9 @@ async def test_grey_and_transparent_colours(studio: Any) -> None:
 # -- the work itself ---------------------------------------------------------------------------------------
 
 
-async def test_work_is_in_a_thread_on_the_newest_and_ends_with_the_node(studio: Any) -> None:
+async def test_work_is_in_a_thread_on_the_newest_and_ends_with_the_node(
+    studio: Any, caplog: pytest.LogCaptureFixture
+) -> None:
     node = studio.graph.node("worker")
     results = node.advertise("/results", "std_msgs/String")
     proceed, begun, threads = threading.Semaphore(0), threading.Semaphore(0), []
@@ -197,6 +199,7 @@ async def test_work_is_in_a_thread_on_the_newest_and_ends_with_the_node(studio: 
     proceed.release()
     await studio.settle()
     assert len(heard) == 2
+    assert "Traceback" not in caplog.text
 
 
 # -- the decimator -----------------------------------------------------------------------------------------

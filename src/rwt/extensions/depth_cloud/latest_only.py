@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from typing import Final, Generic, TypeVar
@@ -13,6 +14,7 @@ from rwt.extensions.depth_cloud.errors import DepthCloudError
 from rwt.media.errors import ImageUnreadable
 from rwt_graph import Node, TopicPublisher
 from rwt_interfaces.point_clouds.errors import InvalidCloud
+from rwt_participant.errors import HandleClosed
 from rwt_participant.handles import Handle
 
 T = TypeVar("T")
@@ -66,7 +68,8 @@ class LatestOnly(Generic[T]):
         except (DepthCloudError, ImageUnreadable, InvalidCloud) as error:
             self._complain(str(error))
             return
-        self.topic.publish(message)
+        with suppress(HandleClosed):  # The node has left meanwhile.
+            self.topic.publish(message)
 
     def _complain(self, text: str) -> None:
         now = self.node.clock.monotonic()
