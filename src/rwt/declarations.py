@@ -322,12 +322,12 @@ class RecorderPart(Part):
     """Recorder of the whole graph.
 
     Attributes:
-        start: starts the recording until the stack is closed.
+        start: starts the recording until the stack is closed; returns its metrics and problems.
         add_options: adds options of `rwt serve`.
         request: returns the recording that these options request; None without one.
     """
 
-    start: Callable[[Graph, RecordingRequest, ExitStack], None]
+    start: Callable[[Graph, RecordingRequest, ExitStack], HttpExtension]
     add_options: Callable[[argparse.ArgumentParser], None]
     request: Callable[[argparse.Namespace], RecordingRequest | None]
 

@@ -481,7 +481,7 @@ class Server:
             stack.callback(renewal(graph.clock, tls, settings.tls).close)
         if self._record is not None or self._introspection:
             request = RecordingRequest(self._record, self._record_options, self._introspection)
-            only_part("recorder", RecorderPart).start(graph, request, nodes)
+            http = (*http, only_part("recorder", RecorderPart).start(graph, request, nodes))
         middleware = [] if self._middleware is None else [self._middleware]
         if self._script is not None:
             start_script = only_part("script", ScriptPart).start

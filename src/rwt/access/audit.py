@@ -18,11 +18,28 @@ logger: Final = logging.getLogger("rwt.bridge")
 _MAX_TEXT: Final = 500
 
 
+class LogLosses:
+    """Count of lines that the handlers of this process's log could not write.
+
+    Attributes:
+        lines: number of these lines.
+        is_losing: True if the last line was one of them.
+    """
+
+    def __init__(self) -> None:
+        self.lines = 0
+        self.is_losing = False
+
+
+LOG_LOSSES: Final = LogLosses()
+
+
 class Audit:
     """Log of one server.
 
     Attributes:
-        dropped_lines: number of lines that could not be written, for example to a full disk.
+        dropped_lines: number of lines that a handler refused with an error, for example for a full disk;
+            those of :data:`LOG_LOSSES` are not included.
         rejections: rate of lines about rejected messages, over all clients. Ask it before a line is
             formatted: clients may cause as many as they send messages.
     """

@@ -359,6 +359,8 @@ def _health(bridge: Bridge, metrics: ServerMetrics, proxies: Proxies) -> HttpRes
         "clients_beyond_rate": metrics.clients_beyond_rate,
         "unmatched_globs": 0 if metrics.globs is None else len(metrics.globs.found),
     }
+    if problems := metrics.problems:
+        body["problems"] = problems
     if proxies:
         body["proxy_headers"] = proxies.headers
     if proxies.unread:

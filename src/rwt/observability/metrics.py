@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from rwt.access.audit import LOG_LOSSES
 from rwt.observability.build import build_id, version
 from rwt.observability.prometheus import Kind, PrometheusText
 from rwt.observability.supervision import Periodic
@@ -48,6 +49,7 @@ class ServerMetrics:
         self._bridge = bridge
         self._gateways: tuple[Gateway, ...] = (bridge, *gateways)
         self._of_nodes = [its.metrics for its in extensions if its.metrics is not None]
+        self._problems = [its.problems for its in extensions if its.problems is not None]
         self.globs: GlobCheck | None = None
         self._loop_lag = LoopLag(bridge.shared.graph.clock, bridge.access.work)
 
@@ -68,7 +70,8 @@ class ServerMetrics:
         goals = sum(peer.actions.goals_running for peer in bridge.clients)
         page.single("rwt_action_goals_running", "gauge", "Goals of rosbridge clients under way.", goals)
         help_ = "Lines that the log could not take."
-        page.single("rwt_lost_log_lines_total", "counter", help_, bridge.access.audit.dropped_lines)
+        lost = bridge.access.audit.dropped_lines + LOG_LOSSES.lines
+        page.single("rwt_lost_log_lines_total", "counter", help_, lost)
         _write_threads(page, bridge.shared.graph.handler_threads)
         _write_work(page, bridge)
         if bridge.access.gate is not None:
@@ -94,6 +97,14 @@ class ServerMetrics:
     def work(self) -> float:
         """Seconds of work for clients per second, averaged over the last ten."""
         return self._loop_lag.rate_of_work
+
+    @property
+    def problems(self) -> list[str]:
+        """What does not work at present, a sentence each."""
+        gate = self._bridge.access.gate
+        of_audit = gate.recorder.problems if gate is not None else ()
+        of_log = ("log: lines are lost",) if LOG_LOSSES.is_losing else ()
+        return [*of_log, *of_audit, *(problem for problems in self._problems for problem in problems())]
 
     @property
     def clients_beyond_rate(self) -> int:

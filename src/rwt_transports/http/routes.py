@@ -225,11 +225,13 @@ class HttpExtension(Generic[AnyReader]):
     Attributes:
         section: returns HTML for the index page, limited to what the reader may see.
         metrics: returns metrics for ``/metrics``.
+        problems: returns what does not work, a sentence each, for ``/healthz``, which everybody may read.
     """
 
     routes: tuple[Route[AnyReader], ...] = ()
     section: Callable[[HttpRequest, AnyReader], str] | None = None
     metrics: Callable[[], Iterable[MetricFamily]] | None = None
+    problems: Callable[[], Iterable[str]] | None = None
 
 
 def page_policy(script: str = "") -> Mapping[str, str]:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import json
 import logging
+import os
 import stat
 import threading
+import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -385,8 +388,43 @@ def test_a_full_disk_is_counted_and_said(tmp_path: Path, caplog: pytest.LogCaptu
     for number in range(3):
         _write(audit, number=number)
     audit.close()
+    assert audit.failure == "No space left on device"
     assert audit.dropped == 3
     assert caplog.text.count(f"the audit cannot be written: {path}: No space left") == 1
+
+
+def test_a_failure_ends_with_the_next_line_that_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level("INFO")
+    audit = AuditFile(AuditSettings(file=tmp_path / "audit.jsonl", queue_bytes=1024))
+
+    def until_written() -> None:
+        while audit.waiting:
+            time.sleep(0.001)
+
+    for number in range(1000):
+        _write(audit, number=number)  # Lines over the limit of the queue are no failure of the disk.
+    until_written()
+    assert audit.dropped > 0
+    failures = [audit.failure]
+    for _ in range(2):
+        with monkeypatch.context() as full:
+            full.setattr("rwt.access.gate.audit.file.chained", _no_space)
+            _write(audit, number=0)
+            until_written()
+            failures.append(audit.failure)
+        _write(audit, number=1)
+        until_written()
+        failures.append(audit.failure)
+    audit.close()
+    assert failures == ["", *["No space left on device", ""] * 2]
+    assert caplog.text.count("the audit cannot be written") == 2
+    assert caplog.text.count("the audit is written again") == 2
+
+
+def _no_space(*_: object) -> None:
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
 def test_a_file_that_cannot_be_opened_is_an_error_of_the_settings(tmp_path: Path) -> None:

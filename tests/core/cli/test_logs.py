@@ -15,6 +15,7 @@ import pytest
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
+from rwt.access.audit import LOG_LOSSES
 from rwt.cli import main
 from rwt.cli.console.logs import JsonFormatter, LogfmtFormatter, SteadyHandler, TextFormatter
 from tests.processes import running
@@ -97,12 +98,15 @@ def test_a_traceback_stays_on_its_line(disk: Disk) -> None:
 def test_a_full_disk_costs_lines_and_says_how_many(
     disk: Disk, handler: SteadyHandler, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    before = LOG_LOSSES.lines
     disk.full = True
     for _ in range(3):
         logger.warning("lost")
     assert handler.lost == 3 and capsys.readouterr().err == ""
+    assert (LOG_LOSSES.lines - before, LOG_LOSSES.is_losing) == (3, True)
     disk.full = False
     logger.warning("back")
+    assert not LOG_LOSSES.is_losing
     assert [line["message"] for line in _lines(disk)] == ["3 lines of the log were lost", "back"]
 
 

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import errno
+import os
+import stat
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
 import anyio
+import anyio.to_thread
 import httpx
 import pytest
 
 from rwt import Server, SettingsError, connect
 from rwt.extensions.recording import open_recording
 from rwt_client import Robot
+from tests.waiting import wait_until
 
 pytestmark = pytest.mark.anyio
 
@@ -123,6 +128,80 @@ async def test_a_full_folder_takes_no_other_recording(tmp_path: Path) -> None:
         assert "are left of 10000: remove some of them (recorder.folder_bytes)" in refused.message
         assert begun.success
         assert not refused.success
+
+
+class Disk:
+    """Disk of all regular files, which may be full."""
+
+    def __init__(self) -> None:
+        self.is_full = False
+        self._write = os.write
+
+    def write(self, file: int, data: bytes) -> int:
+        if self.is_full and stat.S_ISREG(os.fstat(file).st_mode):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return self._write(file, data)
+
+
+@pytest.fixture
+def disk(monkeypatch: pytest.MonkeyPatch) -> Disk:
+    disk = Disk()
+    monkeypatch.setattr("rwt.extensions.recording.writer.os.write", disk.write)
+    return disk
+
+
+async def reported(server: Server) -> tuple[list[str], str]:
+    """The problems of the page of health, and the metric of the recorder."""
+    async with httpx.AsyncClient(base_url=server.urls[0].replace("ws", "http", 1)) as http:
+        problems = (await http.get("/healthz")).json().get("problems", [])
+        lines = (await http.get("/metrics")).text.splitlines()
+    return problems, next(line for line in lines if line.startswith("rwt_recorder_failed "))
+
+
+async def test_no_recording_starts_on_a_full_disk(tmp_path: Path, disk: Disk) -> None:
+    async with commanded(tmp_path) as (server, robot):
+        assert await reported(server) == ([], "rwt_recorder_failed 0")
+        disk.is_full = True
+        for _ in range(2):
+            refused = await start(robot, "drive")
+            assert not refused.success
+            assert refused.message.startswith("drive_")
+            assert refused.message.endswith(".mcap: cannot be written: the disk is full")
+        assert await reported(server) == (["recording: the disk is full"], "rwt_recorder_failed 1")
+        assert files(tmp_path) == []
+        disk.is_full = False
+        assert (await start(robot)).success
+        assert await reported(server) == ([], "rwt_recorder_failed 0")
+
+
+async def test_a_recording_that_fails_is_reported_and_readable(
+    tmp_path: Path, disk: Disk, caplog: pytest.LogCaptureFixture
+) -> None:
+    async with commanded(tmp_path) as (server, robot):
+        text = server.node("robot").advertise("/text", "std_msgs/String", latch=True)
+        text.publish({"data": "x"})
+        begun = await start(robot, topics=("/text",))
+        path = tmp_path / begun.file
+        await anyio.to_thread.run_sync(wait_until, lambda: path.stat().st_size > 200)
+        disk.is_full = True
+        text.publish({"data": "y"})
+        ended = await state_when(robot, lambda state: not state.recording)
+        assert "cannot be written any more: the disk is full" in ended.problem
+        assert await reported(server) == (["recording: the disk is full"], "rwt_recorder_failed 1")
+        assert "the disk is full" in (await start(robot)).message
+        assert "nothing is being recorded" in (await stop(robot)).message
+    assert caplog.text.count("cannot be written any more") == 1
+    with open_recording([path]) as recording:
+        assert [topic.count for topic in recording.topics] == [1]
+
+
+async def test_a_folder_that_is_gone_is_the_reason_for_a_refusal(tmp_path: Path) -> None:
+    folder = tmp_path / "recordings"
+    folder.mkdir()
+    async with commanded(folder) as (server, robot):
+        folder.rmdir()
+        assert (await start(robot)).message == "the folder cannot be read: No such file or directory"
+        assert (await reported(server))[1] == "rwt_recorder_failed 1"
 
 
 @pytest.mark.parametrize(

@@ -364,8 +364,8 @@ def test_what_was_written_before_the_disk_was_full_is_readable(
         return count
 
     os_write = os.write
-    monkeypatch.setattr("rwt.extensions.recording.writer.os.write", write)
     writer = RecordingWriter(path, JAZZY, RecordingOptions(compression="none"))
+    monkeypatch.setattr("rwt.extensions.recording.writer.os.write", write)
     channel = writer.add_channel(TEXT)
     for number in range(50):
         writer.write(channel, number, number, bytes(400_000))

@@ -14,6 +14,7 @@ from functools import partial
 from pathlib import Path
 from unittest.mock import Mock, call
 
+import httpx
 import pytest
 
 from rwt.cli import main
@@ -21,6 +22,7 @@ from rwt.extensions.recording import RecordingWriter, open_recording
 from rwt.extensions.recording.commands.play import parse_remap, press
 from rwt.extensions.recording.commands.record import parse_split
 from rwt.extensions.recording.mcap_files import McapRecording
+from rwt.extensions.recording.writer import START_BYTES
 from rwt_client.blocking import connect
 from rwt_interfaces import JAZZY
 from tests import processes
@@ -151,6 +153,31 @@ def test_serve_records_topics_and_calls(path: Path) -> None:
         assert robot.call("/add_two_ints", {"a": 20, "b": 22}).sum == 42
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux limits the files of another process")
+def test_a_server_whose_recording_fails_reports_it_and_ends_without_a_traceback(path: Path) -> None:
+    import resource
+
+    with running("serve", URL, "--demo", "--record", str(path), real=True) as (server, url):
+        page = partial(httpx.get, timeout=60)
+        pages = url.replace("ws:", "http:", 1)
+        wait_until(lambda: path.stat().st_size > 1000)
+        assert "problems" not in page(f"{pages}/healthz").json()
+        assert "rwt_record_failed 0" in page(f"{pages}/metrics").text
+        # A limit on the size of its files stands for a full disk: the kernel refuses to write.
+        resource.prlimit(server.pid, resource.RLIMIT_FSIZE, (path.stat().st_size, resource.RLIM_INFINITY))
+        wait_until(lambda: "problems" in page(f"{pages}/healthz").json())
+        assert page(f"{pages}/healthz").json()["problems"] == ["recording of all topics: File too large"]
+        assert "rwt_record_failed 1" in page(f"{pages}/metrics").text
+        server.send_signal(signal.SIGINT)
+        output, _ = server.communicate(timeout=60)
+    assert server.returncode == 1
+    assert "Traceback" not in output
+    assert output.count("ERROR") == 1
+    with open_recording([path]) as recording:
+        assert not recording.complete
+        assert recording.message_count > 0
+
+
 def test_topics_that_come_later_are_recorded_and_service_events_if_asked_for(path: Path) -> None:
     serve = ("serve", URL, "--demo", "--introspection")
     record = ("bag", "record", "/late", "/add_two_ints/*", "--services", "-o", str(path))
@@ -176,7 +203,7 @@ def test_what_ends_a_recording_is_one_line(tmp_path: Path, demo: str) -> None:
     path, there = tmp_path / "run.mcap", tmp_path / "there.mcap"
     there.touch()
     # The shell's limit on a file's size stands for a full disk: the kernel refuses to write.
-    limited = f"ulimit -f 40; exec {sys.executable} -m rwt.cli bag record"
+    limited = f"ulimit -f {START_BYTES // 512 + 1}; exec {sys.executable} -m rwt.cli bag record"
     limited += f" --url {demo} --compression none -o {path}"
     full = subprocess.run(["sh", "-c", limited], capture_output=True, text=True, timeout=100)
     refused = processes.ended("bag", "record", "--url", demo, "-o", str(there))
@@ -276,7 +303,7 @@ def test_space_in_a_terminal_goes_on_until_the_end(path: Path) -> None:
     process = processes.start(*words, terminal=theirs, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
     try:
         assert process.stdout is not None
-        assert process.stdout.readline().startswith("listening on ")
+        assert any(line.startswith("listening on ") for line in process.stdout)
         assert process.stdout.readline().startswith("playing 0 messages")
         # Until it reads keys it takes lines, and keeps what was typed.
         os.write(ours, b" ")

@@ -277,6 +277,12 @@ class Recorder:
         """Number of lines that could not be written."""
         return 0 if self._file is None else self._file.dropped
 
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """Reason why the audit cannot be written at present; empty if it can."""
+        reason = "" if self._file is None else self._file.failure
+        return (f"audit: {reason}",) if reason else ()
+
     def note(
         self,
         decision: Decision,

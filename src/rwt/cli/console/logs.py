@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from datetime import UTC, datetime
 from typing import Final, Literal, TextIO
 
-from rwt.access.audit import visible_json
+from rwt.access.audit import LOG_LOSSES, visible_json
 
 Format = Literal["text", "json", "logfmt"]
 
@@ -104,11 +104,14 @@ class SteadyHandler(logging.StreamHandler[TextIO]):
             self.flush()
         except OSError:
             self.lost += 1
+            LOG_LOSSES.lines += 1
+            LOG_LOSSES.is_losing = True
         except Exception:
             # A record that cannot be formatted is a bug of the caller: report it as logging does.
             self.handleError(record)
         else:
             self.lost = 0
+            LOG_LOSSES.is_losing = False
 
 
 def add_log_options(parser: argparse.ArgumentParser) -> None:

@@ -27,7 +27,15 @@ class RecordingUnreadable(RecordingError):
 
 
 class RecordingNotWritten(RecordingError):
-    """The file cannot be written; what was written before stays readable."""
+    """The file cannot be written; what was written before stays readable.
+
+    Attributes:
+        reason: reason without the name of the file, such as "the disk is full"; by default the text.
+    """
+
+    def __init__(self, text: str, reason: str = "") -> None:
+        super().__init__(text)
+        self.reason = reason or text
 
 
 class RecordingExists(RecordingNotWritten):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from contextlib import ExitStack, closing
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
@@ -16,6 +17,7 @@ from rwt.cli.verbs import count
 from rwt.declarations import NodeContext, NodePart, ReadyNode, RecorderPart, RecordingRequest
 from rwt.errors import ServerError
 from rwt_graph.api import Graph
+from rwt_transports.http.routes import HttpExtension
 
 if TYPE_CHECKING:
     from rwt.extensions.recording import Recorder, RecordingOptions, Split
@@ -63,8 +65,10 @@ ON_DEMAND = NodePart(
 )
 
 
-def _start(graph: Graph, request: RecordingRequest, stack: ExitStack) -> None:
+def _start(graph: Graph, request: RecordingRequest, stack: ExitStack) -> HttpExtension:
     """Start recording to an MCAP file, introspection or both, until `stack` is closed.
+
+    Returns its metrics and problems.
 
     Raises:
         SettingsError: introspection on ROS 1, or the file is there already.
@@ -78,13 +82,14 @@ def _start(graph: Graph, request: RecordingRequest, stack: ExitStack) -> None:
         record_graph,
     )
     from rwt.extensions.recording.introspection import Introspection
+    from rwt.extensions.recording.recorder import failure_metric
     from rwt.extensions.recording.writer import DEFAULT_OPTIONS
 
     if request.introspection and not graph.distro.introspects_calls:
         raise SettingsError("introspection: is of ROS 2: ROS 1 has no topics for calls; leave it out")
     if request.file is None:
         stack.enter_context(closing(Introspection(graph)))
-        return
+        return HttpExtension()
     options = cast("RecordingOptions", request.options or DEFAULT_OPTIONS)
     try:
         selection = EVERYTHING if request.introspection else TopicSelection()
@@ -96,6 +101,12 @@ def _start(graph: Graph, request: RecordingRequest, stack: ExitStack) -> None:
     stack.callback(_finish, recorder)
     if request.introspection:
         stack.enter_context(closing(Introspection(graph, on_topic=recorder.look_now)))
+
+    def problems() -> tuple[str, ...]:
+        failure = recorder.writer.failure
+        return () if failure is None else (f"recording of all topics: {failure.reason}",)
+
+    return HttpExtension(metrics=partial(failure_metric, "rwt_record_failed", problems), problems=problems)
 
 
 def _finish(recorder: Recorder) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
@@ -27,6 +27,7 @@ from rwt_participant.handles import Handle
 from rwt_participant.messages import RawMessage
 from rwt_participant.qos import QoS
 from rwt_participant.timers import Timer
+from rwt_transports.http.routes import MetricFamily
 
 logger = logging.getLogger(__name__)
 
@@ -222,6 +223,13 @@ class Recorder:
 
     def __exit__(self, *exc: object) -> None:
         self.close()
+
+
+def failure_metric(name: str, problems: Callable[[], Sequence[str]]) -> tuple[MetricFamily]:
+    """Return the metric of a recorder that reports its problems."""
+    return (
+        MetricFamily(name, "gauge", "1 if the last recording could not be written.", [({}, len(problems()))]),
+    )
 
 
 def record_graph(

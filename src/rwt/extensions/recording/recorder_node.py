@@ -6,6 +6,7 @@ import json
 import logging
 import re
 from collections.abc import Awaitable, Callable, Hashable
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
@@ -16,13 +17,14 @@ import anyio
 import anyio.to_thread
 
 from rwt.extensions.meshes.mesh_files import file_chunks
-from rwt.extensions.recording.errors import RecordingError, RecordingNotWritten, require
-from rwt.extensions.recording.recorder import Recorder, record_graph
+from rwt.extensions.recording.errors import RecordingNotWritten, require
+from rwt.extensions.recording.recorder import Recorder, failure_metric, record_graph
 from rwt.extensions.recording.writer import RecordingOptions, RecordingWriter
 from rwt_graph.accounts import ASKER
 from rwt_graph.api import Graph
 from rwt_graph.nodes.node import Node
 from rwt_graph.topic_selection import TopicSelection
+from rwt_participant.errors import HandleClosed
 from rwt_participant.messages import Message
 from rwt_participant.timers import Timer
 from rwt_transports.http.routes import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
@@ -88,6 +90,7 @@ class RecorderNode:
         self._askers: dict[str, Hashable] = {}  # Clients that started the files since this node started.
         self._ending: list[RecordingWriter] = []
         self._timer: Timer | None = None
+        self._failure = ""
         self._state: dict[str, object] = {"largest_bytes": min(limits.recording, limits.folder)}
         self._node = Node(graph, "recorder")
         self._publisher = self._node.advertise(
@@ -104,7 +107,19 @@ class RecorderNode:
             Route(PATH, self._list, Audience.EVERY_TOPIC, feature="recordings"),
             Route(f"{PATH}/*", self._download, Audience.EVERY_TOPIC),
         )
-        self.http: Final = HttpExtension(routes)
+        self.http: Final = HttpExtension(
+            routes,
+            metrics=partial(failure_metric, "rwt_recorder_failed", self.problems),
+            problems=self.problems,
+        )
+
+    def problems(self) -> tuple[str, ...]:
+        """Return why the last recording could not be written; empty if it could."""
+        recorder = self._recorder
+        writers = self._ending if recorder is None else [*self._ending, recorder.writer]
+        failures = [each.failure.reason for each in writers if each.failure is not None]
+        reason = failures[-1] if failures else self._failure
+        return (f"recording: {reason}",) if reason else ()
 
     # Pages
 
@@ -134,13 +149,14 @@ class RecorderNode:
         self._is_changing = True
         try:
             done = await act(request)
-        except RecordingError as error:
-            # What it says is for the robot's log; where the files lie is nothing for clients.
-            logger.error("%s", error)
-            return _refusal(str(error).replace(f"{self._folder}/", ""))
+        except RecordingNotWritten as error:
+            # The writer logs the whole text; clients must not learn where the files are.
+            self._failure = error.reason
+            done = _refusal(str(error).replace(f"{self._folder}/", ""))
         finally:
             self._is_changing = False
-            self._publish_state()
+            with suppress(HandleClosed):  # The node was closed while the disk was awaited.
+                self._publish_state()
         return done
 
     async def _start(self, request: Message) -> dict[str, object]:
@@ -154,7 +170,12 @@ class RecorderNode:
         if len(topics) > _MAX_TOPICS or any(not each or len(each) > _MAX_NAME_CHARS for each in topics):
             return _refusal(f"topics: expected at most {_MAX_TOPICS} names or patterns")
         asker = ASKER.get()
-        sizes = await anyio.to_thread.run_sync(_sizes_in, self._folder)
+        try:
+            sizes = await anyio.to_thread.run_sync(_sizes_in, self._folder)
+        except OSError as error:
+            raise RecordingNotWritten(
+                f"the folder cannot be read: {error.strerror}", str(error.strerror)
+            ) from None
         used = sum(sizes.values())
         own = sum(
             size for file, size in sizes.items() if file in self._askers and self._askers[file] == asker
@@ -170,6 +191,7 @@ class RecorderNode:
         self._askers[path.name] = asker
         options = RecordingOptions(largest_bytes=room)
         self._recorder = record_graph(self._graph, path, TopicSelection(topics), options)
+        self._failure, self._ending = "", [each for each in self._ending if each.is_writing]
         self._state = {
             "recording": True,
             "file": path.name,
@@ -198,7 +220,9 @@ class RecorderNode:
             path = self._folder / f"{stem}{'' if number == 1 else f'_{number}'}.mcap"
             if not path.exists():
                 return path
-        raise RecordingNotWritten(f"{stem}.mcap is there already; give another name")
+        raise RecordingNotWritten(
+            f"{stem}.mcap is there already; give another name", "the file is there already"
+        )
 
     def _tick(self) -> None:
         recorder = self._recorder
@@ -208,6 +232,7 @@ class RecorderNode:
         if recorder.is_full and not self._is_changing:
             self._close_now(f"it has ended: it has come to {self._state['largest_bytes']} bytes")
         elif recorder.writer.failure is not None and not self._is_changing:
+            self._failure = recorder.writer.failure.reason
             self._close_now(str(recorder.writer.failure).replace(f"{self._folder}/", ""))
         self._publish_state()
 
@@ -247,10 +272,8 @@ class RecorderNode:
         """End what is being recorded, and leave the graph."""
         recorder = self._forget()
         for writer in [*self._ending, *([] if recorder is None else [recorder.writer])]:
-            try:
+            with suppress(RecordingNotWritten):  # Logged by the writer.
                 writer.close()
-            except RecordingError as error:
-                logger.error("%s", error)
         self._node.close()
 
 

@@ -42,6 +42,9 @@ WAITING_BYTES: Final = 256 * 1024 * 1024
 METADATA: Final = "rwt"
 """Name of the metadata record that says who wrote the file, and for which distribution."""
 
+START_BYTES: Final = 4 * 1024 * 1024
+"""Space on the disk that a file needs to begin: some chunks, so that a full disk is noticed at once."""
+
 _POLL_SECONDS: Final = 0.05
 _CHUNK_BYTES: Final = 1024 * 1024
 
@@ -123,10 +126,7 @@ class RecordingWriter:
         self._taken = 0
         self._closing = threading.Event()
         note = {"distro": distro.name, "ros_version": str(distro.ros_version), "encoding": options.encoding}
-        try:
-            self._files = _Files(path, f"ros{distro.ros_version}", note, options)
-        except OSError as error:
-            raise RecordingNotWritten(f"{path}: cannot be written: {_reason(error)}") from None
+        self._files = _Files(path, f"ros{distro.ros_version}", note, options)
         self._thread = threading.Thread(target=self._run, name="recording", daemon=True)
         self._thread.start()
 
@@ -214,27 +214,33 @@ class RecordingWriter:
             self._write_waiting()
             self._files.finish()
         except OSError as error:
-            self._fail(_reason(error))
+            self._fail(reason := _reason(error), reason)
         except RecordingNotWritten as error:
-            self._fail(str(error))  # The next file of a recording that splits is there already.
+            self._fail(str(error), error.reason)  # The next file of a recording that splits.
         except Exception:
             # Otherwise no caller would learn of it, and the recording would go on without being written.
             logger.exception("recording failed")
-            self._fail("internal error, see the log")
+            self._fail("internal error, see the log", "internal error")
 
     def _write_waiting(self) -> None:
         queue, add = self._queue, self._files.add
         while queue:
             add(queue.popleft())
 
-    def _fail(self, reason: str) -> None:
+    def _fail(self, text: str, reason: str) -> None:
         self._files.abandon()
         self._queue.clear()
         self.failure = RecordingNotWritten(
-            f"{self._files.paths[-1]}: cannot be written any more: {reason}; what was written until"
-            " then can be played, and `rwt bag recover` makes a complete file of it"
+            f"{self._files.paths[-1]}: cannot be written any more: {text}; what was written until"
+            " then can be played, and `rwt bag recover` makes a complete file of it",
+            reason,
         )
         logger.error("%s", self.failure)
+
+
+def _not_written(path: Path, error: OSError) -> RecordingNotWritten:
+    reason = _reason(error)
+    return RecordingNotWritten(f"{path}: cannot be written: {reason}", reason)
 
 
 def _reason(error: OSError) -> str:
@@ -263,6 +269,14 @@ class _Files:
                 oldest.unlink(missing_ok=True)
             except OSError as error:
                 logger.warning("%s cannot be removed: %s", oldest, error.strerror)
+        try:
+            self._disk.reserve(min(START_BYTES, self._options.largest_bytes or START_BYTES))
+        except OSError as error:
+            self._disk.close()
+            path = self.paths.pop() if self.paths[1:] else self.paths[0]
+            if not self._options.overwrite:
+                path.unlink()
+            raise _not_written(path, error) from None
         self._ids: dict[RecordedChannel, int] = {}
         self._schemas: dict[tuple[str, str], int] = {}
         self._started_at: int | None = None
@@ -357,9 +371,11 @@ class _Disk:
         try:
             self._file = os.open(path, flags | (os.O_TRUNC if overwrite else os.O_EXCL), 0o666)
         except FileExistsError:
-            raise RecordingExists(f"{path} is there already: name another file, or overwrite it") from None
+            raise RecordingExists(
+                f"{path} is there already: name another file, or overwrite it", "the file is there already"
+            ) from None
         except OSError as error:
-            raise RecordingNotWritten(f"{path}: cannot be written: {error.strerror}") from None
+            raise _not_written(path, error) from None
         self.size = 0
         self._whole = 0
         self._closed = False
@@ -371,6 +387,22 @@ class _Disk:
             self.size += count
             view = view[count:]
         return len(data)
+
+    def reserve(self, size: int) -> None:
+        """Check that so many bytes can be written now, by writing and removing them.
+
+        File systems report quotas and limits on file sizes only to those that write.
+
+        Raises:
+            OSError: they cannot be written; the file is empty.
+        """
+        try:
+            self.write(bytes(size))
+        finally:
+            self.size = 0
+            with suppress(OSError):  # Not a regular file.
+                os.lseek(self._file, 0, os.SEEK_SET)
+                os.ftruncate(self._file, 0)
 
     def tell(self) -> int:
         return self.size

@@ -171,6 +171,7 @@ class AuditFile:
         self._queued_bytes = 0
         self._unreported = 0
         self.dropped = 0
+        self._failures = ["", ""]  # Why the last lines of events and of traffic were not written.
         self._is_closing = False
         self._changed = threading.Condition()
         self._thread = threading.Thread(target=self._run, name="rwt audit", daemon=True)
@@ -192,6 +193,11 @@ class AuditFile:
     def waiting(self) -> int:
         """Number of bytes that are queued or being written."""
         return self._queued_bytes
+
+    @property
+    def failure(self) -> str:
+        """Reason why the last lines were not written; empty if they were."""
+        return self._failures[False] or self._failures[True]
 
     def close(self) -> None:
         """Write the queue and end the thread; gives up after 5 seconds."""
@@ -235,12 +241,15 @@ class AuditFile:
                 if self._to_stdout:
                     sys.stdout.buffer.write(written)
                     sys.stdout.flush()
+                if self._failures[is_traffic]:
+                    logger.info("the audit is written again: %s", self._name(is_traffic))
+                self._failures[is_traffic] = ""
             except OSError as error:
+                if not self._failures[is_traffic]:
+                    text = "the audit cannot be written: %s: %s"
+                    logger.error(text, self._name(is_traffic), error.strerror)
+                self._failures[is_traffic] = str(error.strerror)
                 with self._changed:
-                    if not self.dropped:
-                        logger.error(
-                            "the audit cannot be written: %s: %s", self._name(is_traffic), error.strerror
-                        )
                     has_report = bool(unreported) and lines[-1] is queued[-1][0]
                     self.dropped += len(lines) - has_report
                     self._unreported += unreported * has_report + len(lines) - has_report
