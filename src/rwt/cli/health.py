@@ -75,17 +75,18 @@ async def network_of(
 
 
 class UnmatchedGlob(msgspec.Struct, kw_only=True):
-    """Glob of a server's settings that matches nothing, with a description for people."""
+    """Glob of a server's settings that matches nothing, or name that none matches, described for people."""
 
     setting: str
     glob: str
     text: str
+    advice: str
 
 
 async def unmatched_of(
     url: str, patience: float, tls: ssl.SSLContext | None, headers: Mapping[str, str]
 ) -> tuple[UnmatchedGlob, ...]:
-    """Return the globs that match nothing; none if the credentials do not allow the question."""
+    """Return the globs that match nothing, and unguarded names; none if the credentials do not allow it."""
     status, body = await _get(url, "/unmatched", patience, tls, headers)
     try:
         return msgspec.json.decode(body, type=tuple[UnmatchedGlob, ...]) if status == 200 else ()

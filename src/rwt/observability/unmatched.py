@@ -1,4 +1,4 @@
-"""Globs of the settings that match nothing on the robot, such as misspelt names."""
+"""Globs of the settings that match nothing on the robot, and names that no rule guards."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from rwt_transports.http.routes import Audience, HttpExtension, HttpResponse, Re
 
 if TYPE_CHECKING:
     from rwt.settings.models import Settings
-    from rwt_graph.api import Graph
+    from rwt_graph.api import Graph, TopicInfo
 
 logger = logging.getLogger(__name__)
 
@@ -27,22 +27,27 @@ CHECK_SECONDS: Final = 10.0
 _MAX_FOUND: Final = 100
 """Maximum number of globs that are reported."""
 
+_DRIVING: Final = frozenset({"geometry_msgs/Twist", "geometry_msgs/TwistStamped"})
+"""Types of topics that move a robot."""
+
 #: Nodes of the server itself: a topic that only they use is not the robot's.
 _OWN_NODES: Final = frozenset({"/gate"})
 
 
 class Unmatched(NamedTuple):
-    """Glob that matches no name.
+    """Glob that matches no name, or name that no glob matches.
 
     Attributes:
         setting: key of the setting, such as `gate.rules.drive.topics`.
-        glob: the glob.
+        glob: the glob, or the name.
         text: description, with the nearest name.
+        advice: what to do.
     """
 
     setting: str
     glob: str
     text: str
+    advice: str
 
 
 def globs_of(table: Table, above: str = "") -> Iterator[tuple[str, NamesOf, tuple[str, ...]]]:
@@ -74,13 +79,31 @@ class GlobCheck:
         self.take(settings)
 
     @property
+    def unguarded(self) -> tuple[Unmatched, ...]:
+        """Topics that move the robot, and that no rule of the gate guards.
+
+        They are not warned of in the log, as a robot may be meant to have no gate.
+        """
+        return tuple(
+            Unmatched(
+                "gate.rules",
+                each.name,
+                f"no gate rule guards `{each.name}` ({each.type.name}), which drives the robot",
+                "add a rule to `gate.rules`, and reload",
+            )
+            for each in self._topics_of_robot()
+            if each.type is not None and each.type.name in _DRIVING and each.subscribers
+            if not self._rules.of("publish", each.name)
+        )[:_MAX_FOUND]
+
+    @property
     def http(self) -> HttpExtension[Reader]:
-        """Page of the globs that match nothing, for clients that see every topic."""
+        """Page of the globs that match nothing and of unguarded names, for clients that see every topic."""
         page = Route[Reader]("/unmatched", lambda request, reader: self._page(), Audience.EVERY_TOPIC)
         return HttpExtension(routes=(page,))
 
     def _page(self) -> HttpResponse:
-        body = json.dumps([each._asdict() for each in self.found]).encode()
+        body = json.dumps([each._asdict() for each in (*self.found, *self.unguarded)]).encode()
         return HttpResponse(body, content_type="application/json")
 
     def take(self, settings: Settings) -> None:
@@ -95,11 +118,7 @@ class GlobCheck:
 
     def _check(self) -> None:
         names: dict[str, list[str]] = {
-            "topic": [
-                each.name
-                for each in self._graph.topics()
-                if not _OWN_NODES.issuperset(end.node for end in (*each.publishers, *each.subscribers))
-            ],
+            "topic": [each.name for each in self._topics_of_robot()],
             "service": [each.name for each in self._graph.services()],
             "action": list(self._graph.action_names()),
         }
@@ -108,12 +127,18 @@ class GlobCheck:
             known = [name for kind in kinds.kinds for name in names[kind]]
             for glob, absolute in zip(globs, absolute_globs(globs), strict=True):
                 if len(found) < _MAX_FOUND and not _matches(absolute, known):
-                    found.append(Unmatched(setting, glob, self._text(setting, kinds, absolute, known)))
+                    text = self._text(setting, kinds, absolute, known)
+                    found.append(Unmatched(setting, glob, text, f"correct `{setting}`, and reload"))
         self.found = tuple(found)
         for each in found:
             if each[:2] not in self._logged:
                 self._logged.add(each[:2])
                 logger.warning("%s", each.text)
+
+    def _topics_of_robot(self) -> Iterator[TopicInfo]:
+        for each in self._graph.topics():
+            if not _OWN_NODES.issuperset(end.node for end in (*each.publishers, *each.subscribers)):
+                yield each
 
     def _text(self, setting: str, kinds: NamesOf, glob: str, known: list[str]) -> str:
         what = " or ".join(kinds.kinds)

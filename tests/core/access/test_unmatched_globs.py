@@ -81,6 +81,32 @@ def test_the_topic_of_the_gate_itself_is_not_the_robots() -> None:
     assert not check.found
 
 
+@pytest.mark.parametrize(
+    ("settings", "guarded"),
+    [
+        ({}, False),
+        ({"gate": {"rules": {"a": GATE}}}, False),
+        ({"gate": {"rules": {"a": {"actions": ["/cmd_vel"]}}}}, False),
+        ({"gate": {"rules": {"a": {"topics": ["cmd_*"]}}}}, True),
+    ],
+)
+@pytest.mark.parametrize("kind", [TWIST, "geometry_msgs/TwistStamped"])
+def test_topics_that_move_the_robot_are_reported_without_a_rule(
+    settings: dict[str, Any], guarded: bool, kind: str
+) -> None:
+    clock = SimulatedClock()
+    graph = MemoryGraph(Registry(DISTROS["jazzy"]), clock)
+    robot = Node(graph, "robot")
+    robot.subscribe("/cmd_vel", lambda message: None, kind)
+    robot.subscribe("/name", lambda message: None, "std_msgs/String")
+    robot.publish("/measured", {}, kind)
+    check = GlobCheck(graph, Settings.model_validate(settings))
+    assert [each.glob for each in check.unguarded] == ([] if guarded else ["/cmd_vel"])
+    check.take(Settings.model_validate({"gate": {"rules": {"b": {"topics": ["/cmd_vel"]}}}}))
+    assert not check.unguarded
+    check.close()
+
+
 def test_settings_with_names_of_the_robot_are_marked() -> None:
     """A new setting with globs is marked, or says here why its names need not exist."""
     may_be_new = {"provide", "displace", "get_param", "set_param", "parameters", "require"}
@@ -126,4 +152,5 @@ def test_a_doctor_reports_a_misspelt_rule(tmp_path: Any) -> None:
         found = ended("doctor", url)
         metrics = httpx.get(url.replace("ws:", "http:", 1) + "/metrics").text
     assert "gate rule `/cmd_vle` guards no topic" in found.stdout and "which is not guarded" in found.stdout
+    assert "no gate rule guards `/cmd_vel` (geometry_msgs/Twist)" in found.stdout
     assert "rwt_unmatched_globs 1\n" in metrics

@@ -169,6 +169,8 @@ SETUPS = [
     Broken("a page of this origin may not connect",
            with_server("", "--origin", "https://ui.example.com"), 3, "answers 403", "with its port"),
     Broken("the role may do too little", with_server('[auth]\ndefault_role = "viewer"\n'), 0, "permissions:"),
+    Broken("no gate rule guards the topic that drives the robot", with_server("demo = true\n"), 0,
+           "no gate rule guards `/cmd_vel`", "add a rule"),
     Broken("a setting is misspelt", check("lisen = 5\n"), 2, "did you mean `listen`?"),
     Broken("the file is not TOML", check("listen = [\n"), 2, "not TOML"),
     Broken("a token's role is not defined", check(f'[auth.tokens.me]\ntoken = "{TOKEN}"\nrole = "pilot"\n'),

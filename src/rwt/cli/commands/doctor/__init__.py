@@ -192,7 +192,7 @@ async def _examine(arguments: Arguments, check: CheckPart | None, report: Callab
             if network is not None:
                 report(_robot_finding(network))
             for each in await unmatched_of(url, min(limit, _PATIENCE), tls, headers or {}):
-                report(Finding("settings", "warning", each.text, f"correct `{each.setting}`, and reload"))
+                report(Finding("settings", "warning", each.text, each.advice))
     except BadUrl as error:
         raise CommandError(str(error), CALLED_WRONGLY) from error
     except TransportError as error:
