@@ -134,7 +134,7 @@ def _description(node: Node) -> Callable[[int], None]:
 
 
 LOADS: Final = {
-    "cloud of 300k points": Load(2, _points(300_000)),
+    "cloud of 300k points": Load(10, _points(300_000)),
     "cloud of 2M points": Load(2, _points(2_000_000)),
     "images": Load(15, _images),
     "markers": Load(0.5, _markers),

@@ -119,6 +119,40 @@ async def test_a_cloud_is_coloured_by_the_field_and_palette_that_are_chosen(brow
         await page.wait(f"{layer('/cloud')}.objects.length === 1")
 
 
+def curve(count: int) -> tuple[np.ndarray[Any, Any], dict[str, Any]]:
+    """Points along a spiral, and the cloud of them."""
+    turn = np.linspace(0, 6, count)
+    places = np.stack([3 * np.cos(turn), 3 * np.sin(turn), 0.1 * turn], axis=1).astype("<f4")
+    fields = [{"name": name, "offset": 4 * at, "datatype": 7, "count": 1} for at, name in enumerate("xyz")]
+    shape = {"height": 1, "width": count, "fields": fields, "point_step": 12, "row_step": 12 * count}
+    return places, {"header": {"frame_id": "map"}, **shape, "data": places.tobytes()}
+
+
+async def test_of_large_clouds_no_more_points_arrive_than_are_drawn(
+    browser: Browser, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[tuple[int, int]] = []
+    compress = compressed.compress
+
+    def noted(cloud: Any, wish: Any) -> dict[str, Any]:
+        found = compress(cloud, wish)
+        made.append((wish.stride, found["width"] * found["height"]))
+        return found
+
+    monkeypatch.setattr(compressed, "compress", noted)
+    async with scene(browser) as (node, page):
+        node.advertise("/cloud", "sensor_msgs/PointCloud2", qos=LATCHED).publish(curve(600_000)[1])
+        await page.wait(f"{layer('/cloud')}?.oneOf.value > 1")
+        share = await page.evaluate(f"{layer('/cloud')}.oneOf.value")
+        await unfold(page, "/cloud")
+        await page.wait(f"document.querySelector('.layers').textContent.includes('1 of {share} points')")
+        points = f"{layer('/cloud')}.objects[0].geometry.drawRange.count"
+        await page.wait(f"{points} > 0 && {points} <= {600_000 // share}")
+        assert await violations(page) == []
+    assert made[0] == (1, 600_000)
+    assert made[-1] == (share, 600_000 // share)
+
+
 async def test_clouds_arrive_compressed(browser: Browser, monkeypatch: pytest.MonkeyPatch) -> None:
     sizes: list[int] = []
     compress = compressed.compress
@@ -129,13 +163,10 @@ async def test_clouds_arrive_compressed(browser: Browser, monkeypatch: pytest.Mo
         return found
 
     monkeypatch.setattr(compressed, "compress", noted)
-    turn = np.linspace(0, 6, 20_000)
-    places = np.stack([3 * np.cos(turn), 3 * np.sin(turn), 0.1 * turn], axis=1).astype("<f4")
-    fields = [{"name": name, "offset": 4 * at, "datatype": 7, "count": 1} for at, name in enumerate("xyz")]
-    message = {"height": 1, "width": 20_000, "fields": fields, "point_step": 12, "row_step": 240_000}
+    places, message = curve(20_000)
     async with scene(browser) as (node, page):
         points = node.advertise("/cloud", "sensor_msgs/PointCloud2", qos=LATCHED)
-        points.publish({"header": {"frame_id": "map"}, **message, "data": places.tobytes()})
+        points.publish(message)
         drawn = f"{layer('/cloud')}?.objects[0]?.geometry"
         await page.wait(f"{drawn}?.attributes.position.count >= 20000")
         found = await page.evaluate(f"Array.from({drawn}.attributes.position.array.slice(0, 60000))")

@@ -69,8 +69,8 @@ function deliver(socket: number, message: Envelope): void {
   if (message.op === "publish" && message.msg) {
     if (decoding) waiting.set(message.topic as string, null);
     try {
-      makeWhole(message.msg);
-      if (decoding) decode(message.msg, decoding);
+      const wasCompact = makeWhole(message.msg);
+      if (decoding) decode(message.msg, decoding, wasCompact);
     } catch (error) {
       message.msg.$error = (error as Error).message;
     }
@@ -80,11 +80,11 @@ function deliver(socket: number, message: Envelope): void {
   ]);
 }
 
-function decode(message: Record<string, unknown>, decoding: Decoding): void {
+function decode(message: Record<string, unknown>, decoding: Decoding, wasCompact: boolean): void {
   const [kind, palette, ...by] = decoding.split(":");
   if (kind === "cloud") {
     const cloud = message as unknown as PointCloud2;
-    message.$points = decodeCloud(cloud, by.join(":"), paletteOf(palette));
+    message.$points = { ...decodeCloud(cloud, by.join(":"), paletteOf(palette)), wasCompact };
     // The page has the points, and would keep all bytes of its last message.
     message.data = bytesOf(cloud.data).slice(0, KEPT_BYTES);
   } else message.$pixels = decodeImage(message as unknown as RawImage);

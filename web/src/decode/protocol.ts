@@ -18,6 +18,8 @@ export interface Points {
   /** Field that the colours show, and its least and greatest value; null where it is a colour itself. */
   by: string;
   range: [least: number, most: number] | null;
+  /** True if the server sent the smaller form, in which it sends as few points as are wanted. */
+  wasCompact?: boolean;
 }
 
 /** Pixels of a raw image, as a canvas takes them. */

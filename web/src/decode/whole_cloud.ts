@@ -12,11 +12,12 @@ declare global {
 /** Value of the field `format`; docs/reference/point-clouds.md describes it. */
 const FORMAT = "rwt_planes";
 
-/** Replace a compressed cloud by the whole one, in place. Messages of other kinds stay as they are. */
-export function makeWhole(message: Record<string, unknown>): void {
-  if (message.format !== FORMAT || message.compressed_data === undefined) return;
+/** Replace a compressed cloud by the whole one, in place; whether it was one. Messages of other kinds stay as they are. */
+export function makeWhole(message: Record<string, unknown>): boolean {
+  if (message.format !== FORMAT || message.compressed_data === undefined) return false;
   if (!self.decompressCloud) importScripts(CLOUD_PLANES);
   message.data = self.decompressCloud?.(message as unknown as CompressedCloud);
   delete message.compressed_data;
   delete message.format;
+  return true;
 }

@@ -292,6 +292,7 @@ export const de: Record<TextKey, string> = {
     "Auf /tf gibt es keine Transformationen: was im System {frame} liegt, wird nicht gezeichnet.",
   "scene.lost.use": "{frame} als festes System",
   "scene.layers": "Ebenen",
+  "scene.thinned": "1 von {count} Punkten",
   "scene.quality": "Qualität",
   "scene.quality.auto": "automatisch",
   "scene.quality.low": "niedrig",

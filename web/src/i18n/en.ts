@@ -282,6 +282,7 @@ export const en = {
   "scene.lost.all": "There are no transforms on /tf: what is in the frame {frame} is not drawn.",
   "scene.lost.use": "Use {frame} as fixed frame",
   "scene.layers": "Layers",
+  "scene.thinned": "1 of {count} points",
   "scene.quality": "Quality",
   "scene.quality.auto": "automatic",
   "scene.quality.low": "low",

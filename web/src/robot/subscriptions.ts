@@ -13,11 +13,14 @@ export interface SubscribeOptions {
   throttle?: number;
   /** Values that the worker computes from each message. */
   decoding?: Decoding;
+  /** Every so many points of clouds are wanted; of several listeners the finest counts. */
+  stride?: number;
 }
 
 interface Merged {
   type: string;
   throttle: number;
+  stride: number;
   decoding: Decoding | undefined;
   topic: Topic<Message>;
   listeners: Map<OnMessage, SubscribeOptions>;
@@ -50,10 +53,10 @@ const IN_CBOR = new Set([
 const COMPACT = { precision: 0.001, order: "any" };
 
 /** Request clouds that the worker decodes in the smaller form, which roslib has no option for. */
-function requestCompact(topic: Topic<Message>): void {
+function requestCompact(topic: Topic<Message>, stride: number): void {
   const call = topic.callForSubscribeAndAdvertise;
   topic.callForSubscribeAndAdvertise = (op) =>
-    call(op.op === "subscribe" ? ({ ...op, compact: COMPACT } as typeof op) : op);
+    call(op.op === "subscribe" ? ({ ...op, compact: { ...COMPACT, stride } } as typeof op) : op);
 }
 
 function hand(name: string, message: Message, listener: OnMessage): void {
@@ -131,8 +134,12 @@ export class Subscriptions {
     const throttle = name === STATIC_FRAMES ? 0 : Math.min(...options.map((each) => each.throttle ?? 0));
     // Of different wishes for the same topic the last one counts.
     const decoding = options.findLast((each) => each.decoding)?.decoding;
+    const stride = Math.min(...options.map((each) => each.stride ?? 1));
     const known = this.topics.get(name);
-    if (known && known.throttle === throttle && known.decoding === decoding) return;
+    const isThinnedAlike = known?.stride === stride;
+    if (known && known.throttle === throttle && known.decoding === decoding && isThinnedAlike) return;
+    // A server that is asked for two forms at a time sends whole messages.
+    if (!isThinnedAlike) known?.topic.unsubscribe();
     const topic = new Topic<Message>({
       ros: this.ros,
       name,
@@ -141,8 +148,16 @@ export class Subscriptions {
       queue_length: throttle ? 1 : 0,
       compression: IN_CBOR.has(shortType(type)) ? "cbor" : "none",
     });
-    if (decoding?.startsWith("cloud")) requestCompact(topic);
-    const merged: Merged = { type, throttle, decoding, topic, listeners, last: known?.last ?? new Map() };
+    if (decoding?.startsWith("cloud")) requestCompact(topic, stride);
+    const merged: Merged = {
+      type,
+      throttle,
+      stride,
+      decoding,
+      topic,
+      listeners,
+      last: known?.last ?? new Map(),
+    };
     this.topics.set(name, merged);
     if (known?.decoding !== decoding) this.tellDecodings();
     topic.subscribe((message) => {
@@ -153,7 +168,7 @@ export class Subscriptions {
       for (const listener of [...listeners.keys()]) hand(name, message, listener);
     });
     // The new subscription is there before the old one goes, so that nothing is missed.
-    known?.topic.unsubscribe();
+    if (isThinnedAlike) known?.topic.unsubscribe();
   }
 
   private tellDecodings(): void {

@@ -164,6 +164,11 @@ export class View {
     this.controls.update();
   }
 
+  /** True if the processor draws. */
+  get isSoftware(): boolean {
+    return this.surface.isSoftware;
+  }
+
   /** Where the camera is, and what it looks at, in the fixed frame. */
   get viewpoint(): number[] {
     return [...this.camera.position.toArray(), ...this.controls.target.toArray()].map(

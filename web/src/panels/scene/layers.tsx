@@ -88,6 +88,7 @@ function LayerItem(props: {
   const { config } = props.context;
   const { topic, type, layer } = row;
   const chosen = config.value.layers as Record<string, boolean> | undefined;
+  const oneOf = layer?.oneOf.value ?? 1;
   return (
     <li>
       <div class="layer">
@@ -100,6 +101,7 @@ function LayerItem(props: {
           }}
         >
           {topic} <span class="faint">{shortType(type).split("/")[1]}</span>
+          {oneOf > 1 && <span class="faint"> {t("scene.thinned", { count: oneOf })}</span>}
         </Check>
         {layer !== null && layer.options.value.length > 0 && (
           <Gear name={topic} isOpen={isOpen} onFold={onFold} />

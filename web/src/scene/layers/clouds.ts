@@ -15,6 +15,7 @@ import { fixed } from "../../i18n/formats";
 import type { TextKey } from "../../i18n/text";
 import type { Message } from "../../robot/subscriptions";
 import type { Detail } from "../governor";
+import { Thinning } from "../thinning";
 import { METRE_OF_POINTS } from "../view";
 import { frameOf, Layer, type LayerContext, type LayerOption, within } from "./layer";
 
@@ -268,9 +269,12 @@ function flatten(colours: Uint8Array, count: number): void {
 export class CloudLayer extends PointsLayer {
   private end: () => void = () => undefined;
   private decoding = "";
+  private stride = 1;
+  private readonly thinning: Thinning;
 
   constructor(context: LayerContext) {
     super(context);
+    this.thinning = new Thinning(context.view.isSoftware);
     this.options.value = this.pointOptions(["auto", "flat"], 1);
     this.listen();
   }
@@ -280,15 +284,18 @@ export class CloudLayer extends PointsLayer {
     this.listen();
   }
 
-  /** Have the worker colour the points as is set. */
+  /** Have the server send as many points as are drawn, and the worker colour them as is set. */
   private listen(): void {
     const colour = String(this.setting("colour"));
     const by = colour === "auto" || colour === "flat" ? "" : colour;
     const decoding = `cloud:${paletteOf(this.setting("palette"))}:${by}` as const;
-    if (decoding === this.decoding) return;
+    const { stride } = this.thinning;
+    this.oneOf.value = this.thinning.oneOf;
+    if (decoding === this.decoding && stride === this.stride) return;
     this.decoding = decoding;
+    this.stride = stride;
     const before = this.end;
-    this.end = this.hear((message) => this.take(message), { throttle: 100, decoding });
+    this.end = this.hear((message) => this.take(message), { throttle: 100, decoding, stride });
     before();
   }
 
@@ -296,6 +303,7 @@ export class CloudLayer extends PointsLayer {
     if (typeof message.$error === "string") throw new Error(message.$error);
     const decoded = message.$points as DecodedPoints | undefined;
     if (!decoded) return;
+    this.thin(message, decoded);
     const isFlat = this.setting("colour") === "flat";
     const { by, range, fields } = decoded;
     const colours = ["auto", "flat", ...fields];
@@ -312,4 +320,11 @@ export class CloudLayer extends PointsLayer {
     });
   }
   private colours = "";
+
+  private thin(message: Message, { wasCompact }: DecodedPoints): void {
+    const { width, height } = message as { width: number; height: number };
+    if (wasCompact) this.thinning.heard(width * height, height > 1);
+    else this.thinning.reset();
+    this.listen();
+  }
 }

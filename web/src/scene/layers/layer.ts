@@ -49,6 +49,8 @@ export abstract class Layer {
   readonly handles: Signal<readonly Handle[]> = signal([]);
   readonly options: Signal<readonly LayerOption[]> = signal([]);
   readonly legend: Signal<Legend | null> = signal(null);
+  /** Points of the topic of which one is drawn. */
+  readonly oneOf: Signal<number> = signal(1);
   protected readonly group = new Group();
   private readonly ends: (() => void)[] = [];
   private frame = "";
