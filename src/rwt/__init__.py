@@ -69,6 +69,7 @@ if TYPE_CHECKING:
     from rwt_participant.qos import QoS as QoS
     from rwt_participant.qos import Reliability as Reliability
     from rwt_participant.timers import Watchdog as Watchdog
+    from rwt_tf2 import InvalidDescription as InvalidDescription
     from rwt_tf2 import StampedTransform as StampedTransform
     from rwt_tf2 import Transform as Transform
     from rwt_tf2 import euler_from_quaternion as euler_from_quaternion
@@ -90,8 +91,8 @@ __all__, __getattr__, __dir__ = exports(
         "rwt_participant.messages": "Message MessageLike",
         "rwt_participant.qos": "QoS BEST_AVAILABLE LATCHED SENSOR_DATA Durability History Reliability",
         "rwt_tf2": (
-            "Transform StampedTransform quaternion_from_yaw yaw_from_quaternion quaternion_from_euler "
-            "euler_from_quaternion"
+            "InvalidDescription Transform StampedTransform quaternion_from_yaw yaw_from_quaternion "
+            "quaternion_from_euler euler_from_quaternion"
         ),
         "rwt_participant.images": (
             "image_to_numpy image_from_numpy image_to_pillow image_from_pillow compressed_image"

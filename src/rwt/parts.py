@@ -50,6 +50,7 @@ BUILT_IN: Final[Mapping[Kind, Mapping[str, Row]]] = {
         "rosapi": Row("rwt.rosapi.part:PART", default=True),
         "tf2_web_republisher": Row("rwt.extensions.tf_stream.part:PART", default=True),
         "web_video_server": Row("rwt.extensions.video.part:PART", default=True),
+        "robot_state_publisher": Row("rwt.extensions.state_publisher.part:PART", ("robot_state_publisher",)),
         "meshes": Row("rwt.extensions.meshes.part:PART", ("packages", "package_links"), by_name=False),
         "demo": Row("rwt.extensions.demo.part:PART", ("demo",), by_name=False),
         "on_demand_recorder": Row(

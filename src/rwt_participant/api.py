@@ -350,6 +350,35 @@ class RobotApi(Protocol):
             TypeError: `execute` is not a coroutine function; with `threaded`, not a plain function.
         """
 
+    # -- description -----------------------------------------------------------------------------------------
+
+    def describe(self, urdf: str, *, frame_prefix: str = "", publish_frequency: float = 100.0) -> Handle:
+        """Publish the robot's description, and the transforms of its links from `joint_states`.
+
+        `robot_description` is latched. Transforms of fixed joints are published once on `/tf_static`; those
+        of the joints of each joint state on `/tf`, with its stamp, and so are those of joints that mimic
+        them. Joints that the description does not have are ignored.
+
+        Closing the handle ends this. Transforms on `/tf_static`, and the parameter `robot_description` of a
+        node, stay.
+
+        Args:
+            urdf: description as XML. Meshes under `package://` are served from the folders of the setting
+                `packages`.
+            frame_prefix: start of the name of each frame, such as `anna/`.
+            publish_frequency: maximum rate in Hz at which each joint's transform is published; joint states
+                in between are dropped.
+
+        Raises:
+            InvalidDescription: `urdf` is not a valid description; the text names the joint or the link.
+            ValueError: `publish_frequency` is out of range.
+        """
+        from rwt_participant.description import DescriptionHandle  # Most programs have no use for it.
+
+        return DescriptionHandle(
+            self.subscribe, self.advertise, self.tf, urdf, frame_prefix, publish_frequency
+        )
+
     # -- safety ----------------------------------------------------------------------------------------------
 
     def on_emergency_stop(

@@ -287,6 +287,7 @@ class BlockingVerbs(Blocking[Robot], Generic[Robot]):
     subscribe_raw = holds(RobotApi.subscribe_raw, BlockingHandle)
     advertise_service = holds(RobotApi.advertise_service, BlockingHandle)
     cancel_goal = runs(RobotApi.cancel_goal)
+    describe = holds(RobotApi.describe, BlockingHandle)
     on_emergency_stop = holds(RobotApi.on_emergency_stop, BlockingHandle)
     time_ns = waits(RobotApi.time_ns)
 

@@ -13,6 +13,7 @@ from rwt_tf2.buffer import Buffer, Verdict
 from rwt_tf2.errors import (
     ConnectivityError,
     ExtrapolationError,
+    InvalidDescription,
     InvalidTransform,
     LookupFailed,
     LoopRefused,
@@ -52,6 +53,7 @@ __all__ = [
     "ConnectivityError",
     "ExtrapolationError",
     "InvalidTransform",
+    "InvalidDescription",
     "LoopRefused",
     "StaleTransform",
 ]

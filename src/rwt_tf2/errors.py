@@ -71,6 +71,10 @@ class InvalidTransform(TransformError, ValueError):
     """The transform is invalid."""
 
 
+class InvalidDescription(TransformError, ValueError):
+    """The robot description (URDF) is invalid."""
+
+
 class LoopRefused(InvalidTransform):
     """The transform would make a frame its own ancestor."""
 

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
 from concurrent.futures import Future
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Final, TypeVar
 
 from rwt_graph.api import Graph
 from rwt_graph.errors import NotRunning
@@ -27,12 +27,15 @@ from rwt_graph.nodes.logs import NodeLog, rosout_qos
 from rwt_graph.parameters.node_parameters import NodeParameters, NodeStore, TreeStore
 from rwt_graph.parameters.services import EVENTS_QOS, ParameterEvents, ParameterServices
 from rwt_participant.errors import WrongThread
+from rwt_participant.handles import Handle
 from rwt_participant.messages import ParameterValue
 
 if TYPE_CHECKING:
     from rwt_graph.nodes.blocking import BlockingGraphNode
 
 T = TypeVar("T")
+
+_DESCRIPTION: Final = "robot_description"
 
 
 class Node(GraphRobot):
@@ -114,6 +117,21 @@ class Node(GraphRobot):
             return GraphServer(self.graph, name, topics.close)
 
         return self.run(serve)
+
+    def describe(self, urdf: str, *, frame_prefix: str = "", publish_frequency: float = 100.0) -> Handle:
+        """Publish the robot's description; see :meth:`~rwt_participant.api.RobotApi.describe`.
+
+        The parameter `robot_description` has it, too: of this node on ROS 2, in its namespace on ROS 1.
+        """
+        handle = super().describe(urdf, frame_prefix=frame_prefix, publish_frequency=publish_frequency)
+        if self.distro.parameters_belong_to_nodes:
+            if self.parameters.has(_DESCRIPTION):
+                self.parameters.undeclare(_DESCRIPTION)
+            self.parameters.declare(_DESCRIPTION, urdf, description="The robot as URDF.", read_only=True)
+        else:
+            name = self.resolve(_DESCRIPTION)
+            self.graph.run_on_graph(lambda: self.graph.parameters.set(name, urdf))
+        return handle
 
     @property
     def blocking(self) -> BlockingGraphNode:
