@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import re
 import socket
 import struct
 from collections.abc import AsyncIterator
@@ -340,6 +341,23 @@ async def robot_behind(hub: Hub, program: Program) -> AsyncIterator[tuple[Middle
             await until(lambda: status.connected and hub.robots)
             yield middle, status
         tasks.cancel_scope.cancel()
+
+
+async def test_the_log_has_each_loss_and_each_return(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("INFO", "rwt.extensions.hub.hub")
+    async with (
+        open_hub("ws://127.0.0.1:0", limits=SHORT) as hub,
+        robot_behind(hub, Program()) as (middle, _),
+    ):
+        for count in (1, 2):
+            middle.cut()
+            await until(lambda: caplog.text.count(" is back from ") == count)  # noqa: B023
+    said = [record.getMessage() for record in caplog.records if record.name == "rwt.extensions.hub.hub"]
+    assert [line.partition(":")[0].partition(" from")[0] for line in said[:5]] == [
+        "robot rosie dialled in",
+        *["the connection of robot rosie was lost", "robot rosie is back"] * 2,
+    ]
+    assert all(re.search(r" after \d+\.\d s$", line) for line in said[2:5:2])
 
 
 async def test_a_viewer_notices_nothing_of_a_short_loss() -> None:

@@ -390,7 +390,7 @@ class Hub:
         if robot is not None and (not hello.session or hello.session != robot.uplink.session):
             self._forget(robot, ABNORMAL, "the robot has started again")
             robot = None
-        received = hello.received
+        received, silent_since = hello.received, None if robot is None else robot.uplink.heard_at
         if robot is None:
             robot, received = self._begin(carrier), 0
         robot.software = hello.software
@@ -400,6 +400,9 @@ class Hub:
         if not carrier.carry(robot.uplink, received):
             self._forget(robot, ABNORMAL, f"the session of {robot.name} cannot be resumed")
             raise BadFrame("the session cannot be resumed")
+        if silent_since is not None:
+            silence = time.monotonic() - silent_since
+            logger.info("robot %s is back from %s, after %.1f s", robot.name, carrier.address or "?", silence)
 
     def _place(self, carrier: RobotCarrier) -> Share:
         try:
@@ -466,6 +469,8 @@ class Hub:
         robot.carrier = None
         if code == GOING_AWAY:
             self._forget(robot, code, reason)
+        else:
+            logger.info("the connection of robot %s was lost: %s", robot.name, f"{code} {reason}".rstrip())
 
     def _forget(self, robot: DialedRobot, code: int, reason: str) -> None:
         if self._robots.get(robot.name) is robot:

@@ -269,6 +269,11 @@ class Uplink:
             self._orders.append(encode_end(number, GOING_AWAY, reason))
             stream.ended(ABNORMAL, reason)
 
+    @property
+    def heard_at(self) -> float:
+        """Monotonic time at which the last frame arrived: a silent connection is given up seconds later."""
+        return self._heard
+
     def lost(self, now: float) -> None:
         """End the connection; another one may follow within `RESUME_SECONDS`."""
         if self._state is not _UplinkState.CARRIED:
