@@ -657,8 +657,8 @@ class ConnectedClient(ABC, Generic[T, W]):
         if left_out := self.replies.log_rate.left_out:
             reason += f" ({left_out} lines about it were left out)"
         self._gateway.access.audit.write(
-            logging.INFO, f"{self._gateway.log_prefix}client %d left: %d %s",
-            self.number, code, one_line(reason),  # The client may have chosen it.
+            logging.INFO, f"{self._gateway.log_prefix}client %d left: %s",
+            self.number, one_line(f"{code} {reason}".rstrip()),  # The client may have chosen the reason.
             client=f"{self._gateway.name}:{self.number}",
         )  # fmt: skip
 

@@ -313,6 +313,11 @@ def test_an_exception_of_one_topic_does_not_keep_the_stop_from_others(
     assert not answer["success"]
     assert "these were not stopped: /x/broken: OSError: the network is down" in answer["message"]
     assert "the gate could not stop /x/broken" in caplog.text
+    said = [each for each in caplog.messages if each.startswith("gate: stop:")]
+    assert said == [
+        "gate: stop: /x/broken: not stopped: OSError: the network is down",
+        "gate: stop: stopped by rosbridge:1 (role admin)",
+    ]
     assert "the emergency stop is on" in drive(client, 0.5)
     # It is repeated until it succeeds.
     monkeypatch.undo()

@@ -756,7 +756,7 @@ class Gate:
         self.stopped_reason = one_line(reason)
         self.stopped_ns = self.clock.time_ns()
         self.stop_path.press()
-        text = f"stopped by {by}: {self.stopped_reason}"
+        text = f"stopped by {by}{_because(self.stopped_reason)}"
         self.recorder.note("stop", "stop", "", actor, text, before="released", after="stopped")
         self.stop_path.in_turns(self._rest(self.presses))
         if self.is_observing:
@@ -817,7 +817,7 @@ class Gate:
         self.last_by = str(actor or "the robot")
         self.stopped_reason = one_line(reason)
         self.stopped_ns = self.clock.time_ns()
-        text = f"released by {self.last_by}: {self.stopped_reason}"
+        text = f"released by {self.last_by}{_because(self.stopped_reason)}"
         self.recorder.note("stop", "release", "", actor, text, before="stopped", after="released")
         self.on_stop()
 
@@ -885,3 +885,8 @@ def _require_fit(topic: GuardedTopic) -> None:
 def _is_name(glob: str) -> bool:
     """Return True if a glob matches one name only."""
     return re.search(r"[*?\[]", glob) is None
+
+
+def _because(reason: str) -> str:
+    """Return the end of a text with its reason; empty without one."""
+    return f": {reason}" if reason else ""

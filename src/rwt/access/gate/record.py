@@ -344,7 +344,8 @@ class Recorder:
     def _log(self, decision: Decision, act: str, name: str, client: Actor | None, text: str) -> None:
         """Write one event to the server's log."""
         if decision == "stop":
-            event = one_line(text)  # Names the client already.
+            # A press names the client already; a fault has the name of what was not stopped.
+            event = one_line(f"{name}: {text}" if name else text)
         else:
             who = "the robot" if client is None else str(client)
             event = f"{one_line(f'{act} {name}'.rstrip())} by {one_line(who)}: {one_line(text)}"
