@@ -223,7 +223,7 @@ class Access:
         role = self.admission.role_of(info)
         if role is None:
             reason = "this page is for clients that authenticate by a token (auth.tokens)"
-            self.admission.log_refusal("token", info, reason)
+            self.admission.log_refusal("token", info, reason, logging.INFO)
             raise Refused(401, reason, {"WWW-Authenticate": 'Bearer realm="rosbridge"'})
         work = self._quotas_of(info.address).work
         holder = holder_of(info.address, role.credential)

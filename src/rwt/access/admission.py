@@ -199,7 +199,7 @@ class Admission:
 
     def refused_without_token(self, info: PeerInfo, setting: str) -> Refused:
         """Count and log the refusal of a client without a token, and return it."""
-        return self._refused(info, 401, f"a bearer token is needed ({setting}): {_HOW}")
+        return self._refused(info, 401, f"a bearer token is needed ({setting}): {_HOW}", logging.INFO)
 
     def role_of_token(self, info: PeerInfo) -> Role | None:
         """Return the role of an HTTP request by its token; None without a token.
@@ -218,18 +218,19 @@ class Admission:
             raise self._refused(info, 401, "this bearer token is not known here (auth.tokens)")
         return role
 
-    def log_refusal(self, kind: str, info: PeerInfo, reason: str) -> None:
+    def log_refusal(self, kind: str, info: PeerInfo, reason: str, level: int = logging.WARNING) -> None:
         """Count and log a refusal; the rate limit is for all connections together.
 
         Args:
             kind: key of :attr:`refused`.
+            level: level of the line: `INFO` for a client without a token, as each browser is at first.
         """
         self.refused[kind] += 1
         if self._log_rate.admit(self._monotonic()):
             text = f"turned {info.address or info.transport} away: {reason}{self._log_rate.note()}"
-            self._audit.write(logging.WARNING, "%s", text)
+            self._audit.write(level, "%s", text)
 
-    def _refused(self, info: PeerInfo, status: int, reason: str) -> Refused:
-        self.log_refusal("token" if status == 401 else "origin", info, reason)
+    def _refused(self, info: PeerInfo, status: int, reason: str, level: int = logging.WARNING) -> Refused:
+        self.log_refusal("token" if status == 401 else "origin", info, reason, level)
         headers = {"WWW-Authenticate": 'Bearer realm="rosbridge"'} if status == 401 else {}
         return Refused(status, reason, headers)
