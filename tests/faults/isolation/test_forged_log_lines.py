@@ -16,7 +16,7 @@ def test_the_reason_of_a_close_frame_is_one_line(tmp_path: Path) -> None:
     with served(tmp_path, "") as server:
         with server.connect() as client:
             client.connection.close(1000, EVIL)
-        wait_until(lambda: " left: 1000 " in server.log.read_text())
+        wait_until(lambda: " left: 1000" in server.log.read_text())
         _check(server.log)
 
 

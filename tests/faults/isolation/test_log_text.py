@@ -41,7 +41,7 @@ def test_no_text_of_a_viewer_controls_a_terminal(tmp_path: Path, form: str) -> N
             viewer.call("/rosapi/topic_type", id=EVIL, topic=EVIL)
             assert viewer.call("/gate/stop", reason=EVIL)["values"]["success"]
             viewer.connection.close(1000, EVIL)
-        wait_until(lambda: " left: 1000 " in server.log.read_text())
+        wait_until(lambda: " left: 1000" in server.log.read_text())
     for file in (server.log, tmp_path / "audit.jsonl"):
         text = file.read_text()
         assert "forged" in text
