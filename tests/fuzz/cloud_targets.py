@@ -13,7 +13,7 @@ from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.point_clouds.compressed import compress, decompress
 from rwt_interfaces.point_clouds.errors import InvalidCloud
-from rwt_interfaces.point_clouds.wish import COMPRESSED, CloudWish
+from rwt_interfaces.point_clouds.wish import COMPRESSED, DRACO, CloudWish
 
 MOST_BYTES = 1 << 20
 _REGISTRY = Registry(JAZZY)
@@ -38,3 +38,7 @@ def compressed_cloud(data: bytes) -> None:
     assert len(cloud.data) == cloud.row_step * cloud.height <= MOST_BYTES
     again: Any = Payload.from_value(_COMPRESSED, compress(cloud, CloudWish(precision=0, order="any"))).value()
     assert decompress(again)["width"] == cloud.width
+    for order in ("keep", "any"):
+        wish = CloudWish(order=order, format=DRACO)
+        small: Any = Payload.from_value(_COMPRESSED, compress(cloud, wish)).value()
+        assert decompress(small)["width"] <= cloud.width * max(1, cloud.height)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from importlib.util import find_spec
 from typing import Any, Final
 
 import numpy as np
@@ -19,7 +20,7 @@ from rwt_interfaces.point_clouds.records import (
     record_of,
     within,
 )
-from rwt_interfaces.point_clouds.wish import FORMAT, CloudWish
+from rwt_interfaces.point_clouds.wish import DRACO, PLANES, CloudWish, Format
 
 MOST_BYTES: Final = 256 << 20
 """Default maximum bytes of a decompressed cloud."""
@@ -50,6 +51,8 @@ def compress(cloud: Message, wish: CloudWish) -> dict[str, Any]:
         InvalidCloud: the cloud cannot be read, or lacks a requested field.
     """
     points = _chosen(every(read_points(cloud), wish.stride), wish)
+    if wish.format == DRACO and (message := _by_draco(cloud, points, wish)) is not None:
+        return message
     is_sorted = wish.order == "any" and _is_disordered(points)
     if is_sorted:
         points = _sorted(points)
@@ -63,6 +66,49 @@ def compress(cloud: Message, wish: CloudWish) -> dict[str, Any]:
         found = _little(flat[name])
         columns += list(found.T) if found.ndim > 1 else [found]
         errors += [_error(name, found, wish.precision)] * _count(flat.dtype[name])
+    data = pack(columns, errors, points.shape, is_sorted=is_sorted)
+    is_dense = cloud.is_dense or bool(wish.crop or wish.voxel)
+    return _message(cloud, (rows, width), fields, step, data, PLANES, is_dense=is_dense)
+
+
+def _by_draco(cloud: Message, points: Records, wish: CloudWish) -> dict[str, Any] | None:
+    """Return a cloud in Draco's form, without the points that have no place; None if it cannot have it."""
+    names = dict.fromkeys(wish.fields) or dict.fromkeys(points.dtype.names or ())
+    has_places = all(axis in names and points.dtype[axis].str[1:] == "f4" for axis in _AXES)
+    if not has_places or find_spec("DracoPy") is None:
+        return None
+    from rwt_interfaces.point_clouds import draco  # optional import: DracoPy
+
+    others = [name for name in names if name not in _AXES]
+    (x, y, z, *rest), step = _layout(cloud, (*_AXES, *others))
+    flat = points.reshape(-1)
+    places = np.stack([_little(flat[axis]) for axis in _AXES], axis=1)
+    finite = np.isfinite(places).all(axis=1)
+    is_whole = bool(finite.all())
+    if not is_whole:
+        places, flat = places[finite], flat[finite]
+    columns = [(name, _little(flat[name]).reshape(len(flat), _count(flat.dtype[name]))) for name in others]
+    errors = [(column, _error(name, column, wish.precision)) for name, column in columns]
+    packed = draco.pack(places, wish.precision, errors, is_sorted=wish.order == "any")
+    if packed is None:
+        return None
+    data, count = packed
+    shape = points.shape if is_whole and wish.order == "keep" else (1, count)
+    # The first attribute is the place, at the offset of x.
+    return _message(cloud, shape, [x, *rest, y, z], step, data, DRACO, is_dense=True)
+
+
+def _message(
+    cloud: Message,
+    shape: tuple[int, ...],
+    fields: list[dict[str, object]],
+    step: int,
+    data: bytes,
+    form: Format,
+    *,
+    is_dense: bool,
+) -> dict[str, Any]:
+    rows, width = shape
     return {
         "header": cloud.header,
         "height": rows,
@@ -71,9 +117,9 @@ def compress(cloud: Message, wish: CloudWish) -> dict[str, Any]:
         "is_bigendian": False,
         "point_step": step,
         "row_step": step * width,
-        "compressed_data": pack(columns, errors, points.shape, is_sorted=is_sorted),
-        "is_dense": cloud.is_dense or bool(wish.crop or wish.voxel),
-        "format": FORMAT,
+        "compressed_data": data,
+        "is_dense": is_dense,
+        "format": form,
     }
 
 
@@ -83,10 +129,10 @@ def decompress(message: Message, most_bytes: int = MOST_BYTES) -> dict[str, Any]
     Raises:
         InvalidCloud: it has another format, is damaged, or has more than `most_bytes` bytes.
     """
-    if message.format != FORMAT or message.is_bigendian:
+    if message.format not in (PLANES, DRACO) or message.is_bigendian:
         order = "big-endian" if message.is_bigendian else "little-endian"
         raise InvalidCloud(
-            f'a {order} cloud in the format "{message.format}", not little-endian in "{FORMAT}"'
+            f'a {order} cloud in the format "{message.format}", not little-endian in "{PLANES}" or "{DRACO}"'
         )
     points, record = message.width * message.height, record_of(message)
     kinds = list(_formats(record))
@@ -97,15 +143,8 @@ def decompress(message: Message, most_bytes: int = MOST_BYTES) -> dict[str, Any]
             f"{points} points of {len(kinds)} numbers are {size} bytes; at most {most_bytes} bytes and"
             f" {MOST_COLUMNS} numbers are decompressed"
         )
-    _, columns = unpack(bytes(message.compressed_data), kinds, points)
-    cloud = np.zeros(points, record)
-    left = iter(columns)
-    for name in record.names or ():
-        for place in range(_count(record[name])):
-            if record[name].shape:
-                cloud[name][:, place] = next(left)
-            else:
-                cloud[name] = next(left)
+    planes = bytes(message.compressed_data)
+    data = _from_draco(message) if message.format == DRACO else _from_planes(planes, record, kinds, points)
     return {
         "header": message.header,
         "height": message.height,
@@ -114,9 +153,32 @@ def decompress(message: Message, most_bytes: int = MOST_BYTES) -> dict[str, Any]
         "is_bigendian": False,
         "point_step": message.point_step,
         "row_step": message.point_step * message.width,
-        "data": cloud.tobytes(),
+        "data": data,
         "is_dense": message.is_dense,
     }
+
+
+def _from_planes(data: bytes, record: np.dtype[np.void], kinds: Sequence[str], points: int) -> bytes:
+    _, columns = unpack(data, kinds, points)
+    cloud = np.zeros(points, record)
+    left = iter(columns)
+    for name in record.names or ():
+        for place in range(_count(record[name])):
+            if record[name].shape:
+                cloud[name][:, place] = next(left)
+            else:
+                cloud[name] = next(left)
+    return cloud.tobytes()
+
+
+def _from_draco(message: Message) -> bytes:
+    if find_spec("DracoPy") is None:
+        raise InvalidCloud("the cloud is in Draco's form, which needs DracoPy (the extra `clouds`)")
+    from rwt_interfaces.point_clouds import draco  # optional import: DracoPy
+
+    offsets = [field.offset for field in message.fields]
+    points = message.width * message.height
+    return draco.unpack(bytes(message.compressed_data), offsets, message.point_step, points)
 
 
 def _chosen(points: Records, wish: CloudWish) -> Records:
@@ -183,13 +245,14 @@ def _is_disordered(points: Records) -> bool:
     if not is_spatial or points.shape[0] != 1 or points.shape[1] < 2:
         return False
     places = _places(points)
-    extent = np.ptp(places, axis=1).sum()
-    return bool(np.abs(np.diff(places)).sum(axis=0).mean() > _DISORDER * extent)
+    with np.errstate(over="ignore"):  # Clouds as large as that are not sorted.
+        extent = np.ptp(places, axis=1).sum()
+        return bool(np.abs(np.diff(places)).sum(axis=0).mean() > _DISORDER * extent)
 
 
 def _sorted(points: Records) -> Records:
     """Return the points along a Z-order curve, on which neighbours are near each other."""
-    places = _places(points)
+    places = _places(points).astype(np.float64)  # which neither huge nor tiny extents overflow
     places -= places.min(axis=1, keepdims=True)
     largest = float(places.max(initial=0.0))
     cells = (places * ((2**_CELL_BITS - 1) / largest if largest else 0.0)).astype(np.uint64)

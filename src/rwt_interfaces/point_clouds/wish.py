@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final, Literal, TypeAlias
 
-FORMAT: Final = "rwt_planes"
+Format: TypeAlias = Literal["rwt_planes", "draco"]
 """Value of the field `format` of a compressed cloud."""
+PLANES: Final = "rwt_planes"
+DRACO: Final = "draco"
 CLOUD: Final = "sensor_msgs/PointCloud2"
 COMPRESSED: Final = "point_cloud_interfaces/CompressedPointCloud2"
 
@@ -23,6 +25,7 @@ class CloudWish:
         voxel: edge in metres of the cubes of which one point is taken; 0 for none.
         stride: every so many points are taken; in organised clouds so many rows and columns.
         order: ``any`` permits sorting the points of a cloud without an order, which are larger otherwise.
+        format: form of the cloud. Clouds that Draco cannot hold have the other.
     """
 
     precision: float = 0.001
@@ -31,3 +34,4 @@ class CloudWish:
     voxel: float = 0.0
     stride: int = 1
     order: Literal["keep", "any"] = "keep"
+    format: Format = PLANES

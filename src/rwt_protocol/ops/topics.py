@@ -136,6 +136,7 @@ class Compact(BaseModel):
         voxel: edge in metres of the cubes of which one point is sent; 0 for all points.
         stride: every so many points are sent; in organised clouds so many rows and columns.
         order: `any` permits another order of the points of a cloud without an order.
+        format: form of a compressed cloud; `draco` is the one that point_cloud_transport reads.
     """
 
     model_config = ConfigDict(
@@ -162,6 +163,9 @@ class Compact(BaseModel):
         int, BeforeValidator(whole_number), Field(ge=1, le=10_000), Expected("a whole number, 1 to 10000")
     ] = 1
     order: Annotated[Literal["keep", "any"], BeforeValidator(_lower), Expected('"keep" or "any"')] = "keep"
+    format: Annotated[
+        Literal["rwt_planes", "draco"], BeforeValidator(_lower), Expected('"rwt_planes" or "draco"')
+    ] = "rwt_planes"
 
 
 OptionalCompact = Annotated[Compact | None, Expected("an object")]

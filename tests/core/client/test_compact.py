@@ -15,6 +15,7 @@ from websockets.asyncio.client import connect as open_socket
 from rwt import Server
 from rwt_client import connect
 from rwt_interfaces.point_clouds import compressed
+from rwt_interfaces.point_clouds.wish import COMPRESSED
 from tests.waiting import until
 
 pytestmark = pytest.mark.anyio
@@ -62,6 +63,44 @@ async def test_a_client_gets_the_points_that_it_requests(compression: str, latch
     expected = every[(every[:, 0] >= 0) & (every[:, 0] <= 9)][:, [0, 2]]
     assert found.header.frame_id == "laser" and [field.name for field in found.fields] == ["x", "z"]
     assert np.abs(points(found) - expected).max() <= 0.01
+
+
+@pytest.mark.parametrize("compression", ["none", "png", "cbor"])
+@pytest.mark.parametrize("order", ["keep", "any"])
+async def test_a_client_gets_clouds_by_draco(compression: str, order: str) -> None:
+    pytest.importorskip("DracoPy")
+    async with Server("ws://127.0.0.1:0", nodes=("rosapi",)) as server:
+        clouds = server.node("lidar").advertise("/points", CLOUD)
+        async with connect(server.urls[0]) as robot, open_socket(server.urls[0]) as socket:
+            wish = {"format": "draco", "order": order}
+            await subscribed(socket, compact=wish)
+            async with robot.topic("/points", CLOUD, compression=compression, compact=wish) as messages:
+                await until(lambda: clouds.subscriber_count == 1)
+                clouds.publish(cloud())
+                found = await anext(aiter(messages))
+            sent = json.loads(await heard(socket))["msg"]
+    assert sent["format"] == "draco" and [field["name"] for field in sent["fields"]] == ["x", "y", "z"]
+    got, expected = (np.sort(each, axis=0) for each in (points(found), places()))
+    assert np.abs(got.astype(float) - expected).max() <= 0.001
+
+
+@pytest.mark.parametrize("form", ["draco", "zstd"])
+@pytest.mark.parametrize("compact", [None, {}, {"format": "draco"}])
+async def test_compressed_topics_of_a_robot_are_passed_on(form: str, compact: Any) -> None:
+    """Their data need not even be what the format says: it is not decoded."""
+    message = cloud() | {"compressed_data": b"\0\xff not decoded", "format": form}
+    del message["data"]
+    topic = f"/points/{form}"
+    async with Server("ws://127.0.0.1:0", nodes=("rosapi",)) as server:
+        clouds = server.node("lidar").advertise(topic, COMPRESSED)
+        async with (
+            connect(server.urls[0]) as robot,
+            robot.topic(topic, COMPRESSED, compact=compact) as messages,
+        ):
+            await until(lambda: clouds.subscriber_count == 1)
+            clouds.publish(message)
+            found = await anext(aiter(messages))
+    assert bytes(found.compressed_data) == message["compressed_data"] and found.format == form
 
 
 async def heard(socket: ClientConnection) -> Any:
@@ -169,6 +208,7 @@ async def test_a_cloud_that_cannot_be_compressed_is_not_sent_and_later_ones_are(
         ({"crop": 5}, "crop: expected six numbers"),
         ({"voxel": 1e9}, "voxel: expected metres, 0 to 1000"),
         ({"stride": 0}, "stride: expected a whole number, 1 to 10000"),
+        ({"format": "zlib"}, 'format: expected "rwt_planes" or "draco"'),
         ({"order": "random"}, 'order: expected "keep" or "any"'),
     ],
 )

@@ -191,5 +191,11 @@ def _wish_of(requests: Sequence[Compact | None]) -> CloudWish | None:
     if first is None or any(each != first for each in others):
         return None
     return CloudWish(
-        first.precision, first.fields or (), first.crop or (), first.voxel, first.stride, first.order
+        first.precision,
+        first.fields or (),
+        first.crop or (),
+        first.voxel,
+        first.stride,
+        first.order,
+        first.format,
     )
