@@ -276,6 +276,56 @@ describe("series of a plot", () => {
   });
 });
 
+describe("slices and filters of paths", () => {
+  const message = {
+    marks: [
+      { id: 1, ns: "a@b", on: true, x: 10, parts: [1, 2] },
+      { id: 2, ns: "c", on: false, x: 20, parts: [3] },
+      { id: 3n, ns: "c", on: true, x: 30, parts: [] },
+    ],
+    ranges: new Float32Array([4, 5, 6, 7]),
+  };
+
+  test.each([
+    ["marks[:]{id==2}.x", 20],
+    ["marks[:]{id==3}.x", 30],
+    ["marks[:].x.@max", 30],
+    ["marks[:]{ns=='c'}.x.@mean", 25],
+    ['marks[:]{ns=="a@b"}.x', 10],
+    ["marks[:]{on==true}{x>10}.x", 30],
+    ["marks[:]{x<=20}.@length", 2],
+    ["marks[:]{ns!='c'}.parts[1]", 2],
+    ["marks[:].parts[:].@length", 3],
+    ["marks[:]{parts[0]==3}.id", 2],
+    ["marks[:]{id==9}.@length", 0],
+    ["marks[0]{id==1}.x", 10],
+    ["ranges[1:2].@mean", 5.5],
+    ["ranges[-2:].@mean", 6.5],
+    ["ranges[:1].@length", 2],
+    ["ranges[-1]", 7],
+    ["ranges[2:99].@length", 2],
+  ])("%s", (text, value) => expect(new Formula(text).numberOf(message, 0)).toBe(value));
+
+  test.each([
+    "marks[:].x",
+    "marks[:]{id==9}.x",
+    "marks[0]{id==2}.x",
+    "marks[:]{id=='1'}.x",
+    "ranges[-5]",
+    "ranges[9]",
+  ])("%s is no number", (text) => expect(new Formula(text).numberOf(message, 0)).toBeNaN());
+
+  test.each(["marks[", "marks[a]", "marks{id}", "marks{id=1}", "marks{id==x}", "marks[:]{id==1"])(
+    "%s is rejected",
+    (text) => expect(formulaProblem(text)).not.toBe(""),
+  );
+
+  test("values have a bound, however lists are nested", () => {
+    const long = Array.from({ length: 5000 }, () => new Uint8Array(5000));
+    expect(new Formula("[:][:].@length").numberOf(long, 0)).toBe(10_000);
+  });
+});
+
 describe("formulas", () => {
   const message = {
     v: { x: 3, y: 4 },

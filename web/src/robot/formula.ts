@@ -1,6 +1,6 @@
 /** Numbers computed from messages: a path, and functions behind it, such as `linear.@norm.@mul(3.6)`. */
 
-import { valueAt } from "./fields";
+import { MessagePath } from "./message_path";
 
 /** Numbers of a list, or of the fields of a message. */
 function numbersOf(value: unknown): number[] {
@@ -91,18 +91,21 @@ function asNumber(value: unknown): number {
 export class Formula {
   /** Path in front of the functions. */
   readonly path: string;
+  private readonly place: MessagePath;
   private readonly steps: Step[];
 
-  /** @throws Error a function is unknown or lacks its number; the text names it */
+  /** @throws Error the path is none, or a function is unknown or lacks its number; the text names it */
   constructor(text: string) {
-    const at = text.indexOf("@");
+    // Texts in filters may hold any character.
+    const at = text.replace(/\{[^}]*\}/g, (filter) => "_".repeat(filter.length)).indexOf("@");
     this.path = (at < 0 ? text : text.slice(0, at)).replace(/\.$/, "");
+    this.place = new MessagePath(this.path);
     this.steps = at < 0 ? [] : (text.slice(at).match(/[^.(]+(\([^)]*\)?)?/g) ?? []).map(step);
   }
 
   /** The number of a message that arrived at a time in seconds; NaN for none. */
   numberOf(message: unknown, time: number): number {
-    let value: unknown = this.path ? valueAt(message, this.path) : message;
+    let value = this.place.valueIn(message);
     for (const each of this.steps) value = each(value, time);
     return asNumber(value);
   }
