@@ -101,7 +101,7 @@ NO_ROOM_OF_OTHERS: Final = MappingProxyType(
     {
         "rwt/extensions/asgi/application.py": ("the server is closing",),
         "rwt/extensions/hub/ends.py": ("the robot does not answer", "the robot is gone"),
-        "rwt/extensions/hub/hub.py": ("the robot is unreachable",),
+        "rwt/extensions/hub/hub.py": ("the robot is unreachable", "its node is unreachable"),
         "rwt/extensions/hub/nodes/links.py": ("the robot is unreachable",),
         "rwt/extensions/mcp/gateway.py": ("the server is closing", "mcp.requests has shares of its own"),
         "rwt/extensions/video/server.py": ("the image cannot be made",),

@@ -60,11 +60,11 @@ class Node:
 
 
 @asynccontextmanager
-async def node(endpoint: str, *, listens: bool) -> AsyncIterator[Node]:
+async def node(endpoint: str, *, listens: bool, url: str = "") -> AsyncIterator[Node]:
     listen, others = ((endpoint,) if listens else ()), (() if listens else (endpoint,))
     async with (
         open_hub("ws://127.0.0.1:0") as hub,
-        open_directory(hub, hub.url, listen=listen, connect=others, limits=Limits()) as directory,
+        open_directory(hub, url or hub.url, listen=listen, connect=others, limits=Limits()) as directory,
     ):
         yield Node(hub, directory)
 
@@ -212,6 +212,22 @@ async def test_a_robot_that_leaves_is_left_everywhere() -> None:
             async with connect(other.url):
                 pass
         assert raised.value.response.status_code == 404
+
+
+@pytest.mark.slow
+async def test_a_robot_whose_node_cannot_dial_in_is_unreachable() -> None:
+    endpoint = free_endpoint()
+    nowhere = f"ws://127.0.0.1:{free_port()}"
+    async with (
+        node(endpoint, listens=True) as home,
+        node(endpoint, listens=False, url=nowhere) as other,
+        robot(home, other),
+    ):
+        with pytest.raises(InvalidStatus) as raised:
+            async with connect(other.url):
+                pass
+        assert raised.value.response.status_code == 503
+        await until(lambda: not len(home.directory.links))
 
 
 async def test_a_node_that_misses_a_change_asks_for_all() -> None:

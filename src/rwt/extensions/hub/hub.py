@@ -507,6 +507,9 @@ class Hub:
     def robot(self, name: str) -> DialedRobot:
         """Return a robot that can be reached; raises Refused."""
         robot = self._robots.get(name)
+        if robot is None and self.has(name):
+            text = f"the robot {name} is at another node, which cannot be reached at the moment"
+            raise Refused(503, text, {"Retry-After": "1"})
         if robot is None:
             raise Refused(404, f"no robot called {name[:80]!r} is here; GET / lists those that are")
         if not robot.is_reachable:

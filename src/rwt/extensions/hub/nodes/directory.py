@@ -51,6 +51,9 @@ TICK_SECONDS: Final = 0.1
 BRING_SECONDS: Final = 5.0
 """Time in which another node must have dialled in for a robot."""
 
+AGAIN_SECONDS: Final = 1.0
+"""Time until a node that has not answered is asked again."""
+
 ASK_SECONDS: Final = 2.0
 """Timeout of a question to a node."""
 
@@ -293,7 +296,17 @@ class Directory:
             self._ask_rows(id)
 
     def _ask_rows(self, id: str) -> None:
-        self._get(f"rows/{id}", partial(self._take_rows, id), lambda: None)
+        self._get(f"rows/{id}", partial(self._take_rows, id), partial(self._asked_rows, id))
+
+    def _asked_rows(self, id: str) -> None:
+        """Ask again if a node has not answered."""
+        node = self._nodes.get(id)
+        if node is not None and node.number is None:
+            self._hub.clock.call_later(AGAIN_SECONDS, partial(self._ask_again, id))
+
+    def _ask_again(self, id: str) -> None:
+        if id in self._nodes:
+            self._ask_rows(id)
 
     def _take_rows(self, id: str, data: bytes) -> None:
         rows, node = _decoded(data, _Rows), self._nodes.get(id)
