@@ -18,6 +18,7 @@ from rwt.delivery.fanout import DeferredSamples, EncodedStream
 from rwt.delivery.gap_flow import GapFlow
 from rwt.delivery.throttle import Room, Throttle
 from rwt.extensions.hub.feeds import RobotFeeds
+from rwt.extensions.hub.uplink.dial import UplinkStatus
 from rwt.extensions.hub.uplink.feeds import MAX_CHANGES, MAX_FEEDS
 from rwt.extensions.hub.uplink.frames import (
     SMALL_BYTES,
@@ -676,6 +677,20 @@ def test_who_leaves_behind_a_sample_that_expires_is_forgotten() -> None:
     link.leave(viewer)
     link.settle()
     assert viewer.screen.numbers == [] and not len(link.feeds)
+
+
+def test_the_log_says_what_crosses_for_whom() -> None:
+    link = Link()
+    for _ in range(3):
+        link.view()
+    status = UplinkStatus("wss://hub/robots/rosie", hub="rwt 1", clients=3, round_trip=0.032, rate=444e3)
+    status.feeds = link.robot.feeds
+    assert status.feeds is not None
+    status.feeds.drops[DropReason.QUEUE] = 5
+    assert str(status) == (
+        "wss://hub/robots/rosie (rwt 1): 3 clients and pages; round trip 32 ms; 444 kB/s;"
+        " clients by topic: /topic 3; drops: queue 5"
+    )
 
 
 def test_nothing_is_left_of_clients_that_have_gone() -> None:

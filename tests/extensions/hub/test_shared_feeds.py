@@ -7,11 +7,14 @@ import struct
 from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
+from urllib.request import urlopen
 
 import anyio
 import msgspec
 import pytest
+from anyio import to_thread
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
@@ -222,3 +225,14 @@ async def test_a_viewer_that_reads_nothing_loses_samples_alone_and_hears_of_it()
             assert numbers == sorted(set(numbers)) and len(numbers) < count
             notice = next(op for op in said if op["op"] == "status")
             assert "this connection is slower than what it is subscribed to" in notice["msg"]
+
+
+async def test_metrics_say_what_crosses_for_whom() -> None:
+    async with fleet() as robot, viewers(robot, 3) as found:
+        robot.node.advertise("/odom", "std_msgs/String").publish({"data": "1"})
+        await heard(found, 1)
+        url = f"{robot.server.urls[0].replace('ws://', 'http://')}/metrics"
+        with await to_thread.run_sync(partial(urlopen, url, timeout=60)) as page:
+            lines = page.read().decode().splitlines()
+        hub = f"{robot.hub.url}/robots/rosie"
+        assert f'rwt_dial_topic_clients{{hub="{hub}",topic="/odom"}} 3' in lines

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from pydantic import Field
 
@@ -16,6 +16,10 @@ from rwt_transports.http.routes import MetricFamily
 if TYPE_CHECKING:
     from rwt.extensions.hub.uplink.dial import UplinkStatus
     from rwt.settings.models import Settings
+
+
+MAX_LISTED: Final = 50
+"""Maximum number of topics with a metric of their own, for each hub."""
 
 
 class DialSettings(Table):
@@ -87,6 +91,21 @@ def _metrics(found: list[UplinkStatus]) -> Iterator[MetricFamily]:
     )
     for name, help_, value in families:
         yield MetricFamily(name, "gauge", help_, [({"hub": each.url}, value(each)) for each in found])
+    open_ones = [(each.url, each.feeds) for each in found if each.feeds is not None]
+    topics = [
+        ({"hub": url, "topic": topic}, clients)
+        for url, feeds in open_ones
+        for topic, clients in feeds.demand().most_common(MAX_LISTED)
+    ]
+    help_ = f"Clients of the {MAX_LISTED} topics that have most behind a hub."
+    yield MetricFamily("rwt_dial_topic_clients", "gauge", help_, topics)
+    drops = [
+        ({"hub": url, "reason": reason.value}, count)
+        for url, feeds in open_ones
+        for reason, count in feeds.drops.items()
+    ]
+    help_ = "Samples that clients behind a hub did not get, by reason, since the session began."
+    yield MetricFamily("rwt_dial_dropped_total", "counter", help_, drops)
 
 
 PART = ServicePart(

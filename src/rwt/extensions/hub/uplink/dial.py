@@ -17,6 +17,7 @@ from typing import Final
 import anyio
 
 from rwt.extensions.hub.uplink.carrier import Carrier
+from rwt.extensions.hub.uplink.feeds import Feeds
 from rwt.extensions.hub.uplink.frames import SUBPROTOCOL, BadFrame, Hello, Refusal
 from rwt.extensions.hub.uplink.openings import (
     INSTANCE,
@@ -67,6 +68,12 @@ STEADY_SECONDS: Final = 5.0
 
 TICK_SECONDS: Final = 0.25
 
+REPORT_SECONDS: Final = 600.0
+"""Time between two lines of the log about an uplink with clients."""
+
+LOGGED_TOPICS: Final = 10
+"""Maximum number of topics in that line: those with most clients."""
+
 SOFTWARE: Final = f"rwt {version('robot-web-tools')}"
 
 
@@ -84,6 +91,7 @@ class UplinkStatus:
         failures: attempts that failed since the last success.
         error: reason of the last failure; empty after a success.
         over: set once there are no further attempts.
+        feeds: topics that cross the uplink for several clients; None before the first connection.
     """
 
     url: str
@@ -95,6 +103,21 @@ class UplinkStatus:
     failures: int = 0
     error: str = ""
     over: anyio.Event = field(default_factory=anyio.Event)
+    feeds: Feeds | None = None
+
+    def __str__(self) -> str:
+        """Return a line for the log."""
+        feeds = self.feeds
+        topics = feeds.demand().most_common(LOGGED_TOPICS) if feeds is not None else []
+        drops = feeds.drops.items() if feeds is not None else ()
+        parts = [
+            f"{self.clients} clients and pages",
+            f"round trip {self.round_trip * 1e3:.0f} ms",
+            f"{self.rate / 1e3:.0f} kB/s",
+            "clients by topic: " + (", ".join(f"{name} {count}" for name, count in topics) or "none"),
+            "drops: " + (", ".join(f"{reason.value} {count}" for reason, count in drops) or "none"),
+        ]
+        return f"{self.url} ({self.hub or 'not connected yet'}): {'; '.join(parts)}"
 
 
 Serve = Callable[[Stream, PeerInfo | PageRequest], None]
@@ -240,8 +263,9 @@ class _Robot:
     * Uplink: ``uplink`` (None without a session), ``_limits``, ``_buffers``, ``_carrier`` (the connection;
       None without one), ``scheduler`` (of writing).
     * Connecting: ``status``, ``_urls`` (alternatives), ``_backoff``, ``_connect_one``, ``_running``
-      (cancelled when the robot leaves), ``_is_leaving``, ``_ended`` (code of the last connection's end),
-      ``_last`` (codes after which there is no further attempt).
+      (cancelled when the robot leaves), ``_is_leaving``, ``_reported`` (time of the last line of the log),
+      ``_ended`` (code of the last connection's end), ``_last`` (codes after which there is no further
+      attempt).
     """
 
     def __init__(
@@ -274,6 +298,7 @@ class _Robot:
         self._places: dict[Stream, Share] = {}
         self._running = anyio.CancelScope()
         self._ended = 0
+        self._reported = time.monotonic()
         self._is_leaving = False
 
     async def run(self) -> None:
@@ -360,6 +385,9 @@ class _Robot:
             if self._carrier is None and not uplink.tick(now):
                 self._end_session("the connection to the hub was lost")
             status.round_trip, status.rate = uplink.round_trip, uplink.rate
+            if status.clients and now - self._reported >= REPORT_SECONDS:
+                self._reported = now
+                logger.info("%s", status)
 
     def _end_session(self, reason: str) -> None:
         uplink, self.uplink = self.uplink, None
@@ -380,6 +408,7 @@ class _Robot:
                 closed=self._closed,
                 now=time.monotonic(),
             )
+            self.status.feeds = self.uplink.feeds
         if not carrier.carry(self.uplink, hello.received):
             self._end_session("the hub has not received what was sent")
             raise BadFrame("the session cannot be resumed")

@@ -280,11 +280,15 @@ class Feed:
         # A copy: a callback may end a membership.
         for member in tuple(receivers):
             if member.on_drop is not None and (to is not None or not member.apart):
+                self._feeds.drops[reason] += 1
                 member.on_drop(reason)
 
 
 class Feeds:
     """All feeds of a robot's uplink, in the lanes `SMALL` and `LARGE`: one sample at a time in each.
+
+    Attributes:
+        drops: samples that clients did not get, here or at the hub, by reason.
 
     Attributes by purpose: ``_by_key``, ``_by_number``, ``_count`` (number of the newest feed); ``_data``
     (queues), ``_sending`` (by lane), ``_announcements`` (ready to be sent).
@@ -295,6 +299,7 @@ class Feeds:
     def __init__(self, uplink: Uplink) -> None:
         self._uplink = uplink
         self.outgoing_bytes = uplink.limits.outgoing_bytes
+        self.drops = Counter[DropReason]()
         self._by_key: dict[Hashable, Feed] = {}
         self._by_number: dict[int, Feed] = {}
         self._count = 0
@@ -304,6 +309,13 @@ class Feeds:
 
     def __len__(self) -> int:
         return len(self._by_key)
+
+    def demand(self) -> Counter[str]:
+        """Return the number of clients of each topic."""
+        clients = Counter[str]()
+        for feed in self._by_key.values():
+            clients[feed.topic] += len(feed.members)
+        return clients
 
     def enter(
         self,
@@ -369,6 +381,7 @@ class Feeds:
             return
         count = min(drops.samples, feed.common + member.own)
         member.own -= count
+        self.drops[CAUSES[drops.cause]] += count
         for _ in range(count):
             if member.on_drop is not None:
                 member.on_drop(CAUSES[drops.cause])
