@@ -16,7 +16,7 @@ from rwt_interfaces.point_clouds import compressed
 from rwt_participant.qos import LATCHED
 from tests.browser.driver import LEFT_MESH, LEFT_STREAM, Browser, Page
 from tests.browser.test_panels import open_panels, release, text, violations
-from tests.waiting import until
+from tests.waiting import until, until_answered
 
 pytestmark = pytest.mark.anyio
 
@@ -112,9 +112,13 @@ async def test_a_cloud_is_coloured_by_the_field_and_palette_that_are_chosen(brow
         }
         assert await violations(page) == []
         await choose(page, "Decay time", "30")
-        points.publish(cloud())
-        points.publish(cloud())
-        await page.wait(f"{layer('/cloud')}.objects.length >= 2")
+
+        async def has_two() -> object:
+            """Publish one more: of clouds that arrive while one is compressed, only the newest is."""
+            points.publish(cloud())
+            return await page.evaluate(f"{layer('/cloud')}.objects.length >= 2")
+
+        await until_answered(has_two)
         await choose(page, "Decay time", "0")
         await page.wait(f"{layer('/cloud')}.objects.length === 1")
 
