@@ -33,7 +33,7 @@ def test_one_json_stream_each_way_and_nothing_else_on_stdout() -> None:
     pipe = subprocess.PIPE
     with start(*_COMMAND, "--demo", stdin=pipe, stdout=pipe, stderr=pipe) as process:
         assert process.stdin and process.stdout and process.stderr
-        assert process.stderr.readline() == "listening on stdio:\n"
+        assert any(line == "listening on stdio:\n" for line in process.stderr)
         call = {"op": "call_service", "id": "1", "service": "/add_two_ints", "args": {"a": 20, "b": 22}}
         process.stdin.write(json.dumps(call))
         process.stdin.flush()
