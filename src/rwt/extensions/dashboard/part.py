@@ -30,6 +30,7 @@ class WebSettings(Table):
     message_bytes: int = Field(
         MESSAGE_BYTES,
         ge=100_000,
+        le=2**31 - 1,
         description="largest message that the dashboard decodes by itself; of a topic with larger ones it"
         " shows the size, and a button that shows the topic",
     )
