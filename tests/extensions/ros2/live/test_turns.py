@@ -6,6 +6,10 @@ import math
 from collections import deque
 from typing import Any, cast
 
+import pytest
+
+pytest.importorskip("rclpy", reason="needs ROS 2: run `make test-ros2`, which installs its wheels")
+
 from rwt.extensions.ros2.wakeups import Inbox, Wakeups
 
 
