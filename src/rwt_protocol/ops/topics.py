@@ -120,9 +120,9 @@ def _as_tuple(value: object) -> object:
     return tuple(value) if isinstance(value, list) else value
 
 
-_Metres = Annotated[float, Field(allow_inf_nan=False)]
+_Metres = Annotated[float, Field(ge=-1e9, le=1e9, allow_inf_nan=False)]
 _Box = tuple[_Metres, _Metres, _Metres, _Metres, _Metres, _Metres]
-_Six = Annotated[list[float], Field(min_length=6, max_length=6)]
+_Six = Annotated[list[_Metres], Field(min_length=6, max_length=6)]
 _Names = Annotated[tuple[Annotated[str, Field(max_length=256)], ...], Field(max_length=256)]
 
 
@@ -153,14 +153,12 @@ class Compact(BaseModel):
     ] = None
     crop: Annotated[
         _Box | None,
-        BeforeValidator(
-            _as_tuple, json_schema_input_type=Annotated[list[float], Field(min_length=6, max_length=6)] | None
-        ),
+        BeforeValidator(_as_tuple, json_schema_input_type=_Six | None),
         Expected("six numbers: smallest x, y and z, then the largest"),
     ] = None
     voxel: Annotated[float, Field(ge=0, le=1000, allow_inf_nan=False), Expected("metres, 0 to 1000")] = 0.0
     stride: Annotated[
-        int, BeforeValidator(whole_number), Field(ge=1, le=10_000), Expected("a whole number, 1 to 10000")
+        int, Field(ge=1, le=10_000), BeforeValidator(whole_number), Expected("a whole number, 1 to 10000")
     ] = 1
     order: Annotated[Literal["keep", "any"], BeforeValidator(_lower), Expected('"keep" or "any"')] = "keep"
     format: Annotated[

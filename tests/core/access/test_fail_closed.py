@@ -122,7 +122,7 @@ COUNTS = {"hidden"}
 OWN = {
     "while_allowed", "unadvertise", "unsubscribe", "startup_samples", "withdraw_service", "withdraw_action",
     "take_role", "withdraw_refused", "keep", "late_sends", "leave", "close", "tell_notices", "tell_ended",
-    "notices", "approval_of", "advertises",
+    "notices", "approval_of", "advertises", "join_compact", "leave_compact", "why_not_subscribe",
 }  # fmt: skip
 """Requests that concern only what the client itself holds."""
 

@@ -9,6 +9,7 @@ import functools
 import hashlib
 import json
 import logging
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -75,7 +76,8 @@ class Scene:
                 )
                 for client in clients.values()
             ),
-            [record.getMessage() for record in log.records],
+            # Ids of goals are random.
+            [re.sub(r"\b[0-9a-f]{32}\b", "ID", record.getMessage()) for record in log.records],
         ]
 
 
@@ -194,8 +196,10 @@ SCENES: dict[str, Scene] = {
                 _peer("send_action_goal", action="/f", action_type=FIBONACCI, feedback=True)],
     ),
     "action_result": Scene(
-        _op("action_result", action="/f", id=GOAL, values={"sequence": [0]}, status=4, result=True),
-        {"id": "h", "action": "/u", "values": {"sequence": [1]}, "status": 6, "result": False},
+        _op("action_result", action="/f", id=GOAL, values={"sequence": [0]}, status=6, result=True,
+            reason="the way is blocked"),
+        {"id": "h", "action": "/u", "values": {"sequence": [1]}, "status": 4, "result": False,
+         "reason": "the battery is low"},
         before=[_it("advertise_action", action="/f", type=FIBONACCI),
                 _peer("send_action_goal", action="/f", action_type=FIBONACCI)],
     ),
