@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 import logging
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Final, NamedTuple
+
+import anyio.lowlevel
 
 from rwt.access.gate.rules import RULE_KEYS, Rules
 from rwt.access.roles import absolute_globs, glob_pattern
@@ -23,6 +25,9 @@ logger = logging.getLogger(__name__)
 
 CHECK_SECONDS: Final = 10.0
 """Time that the robot's programs have to appear, and between two checks."""
+
+_STEP_NAMES: Final = 100
+"""Names that are looked up in one turn of the event loop."""
 
 _MAX_FOUND: Final = 100
 """Maximum number of globs that are reported."""
@@ -74,6 +79,7 @@ class GlobCheck:
 
     def __init__(self, graph: Graph, settings: Settings) -> None:
         self.found: tuple[Unmatched, ...] = ()
+        self._is_checking = False
         self._graph = graph
         self._timer = Periodic(graph.clock, CHECK_SECONDS, self._check)
         self.take(settings)
@@ -108,7 +114,7 @@ class GlobCheck:
 
     def take(self, settings: Settings) -> None:
         """Check other settings from now on."""
-        self._globs = tuple(globs_of(settings))
+        self._globs = tuple((key, kinds, globs) for key, kinds, globs in globs_of(settings) if globs)
         self._rules = Rules(settings.gate)
         self._logged: set[tuple[str, str]] = set()
 
@@ -117,15 +123,43 @@ class GlobCheck:
         self._timer.close()
 
     def _check(self) -> None:
-        names: dict[str, list[str]] = {
-            "topic": [each.name for each in self._topics_of_robot()],
-            "service": [each.name for each in self._graph.services()],
-            "action": list(self._graph.action_names()),
-        }
+        if not self._globs:
+            self.found = ()
+        elif not self._is_checking:
+            self._is_checking = True
+            self._graph.spawn(self._check_in_steps, "check of globs")
+
+    async def _check_in_steps(self) -> None:
+        """Check all globs, in turns of the event loop: a robot may have very many names."""
+        try:
+            await self._compare(self._globs)
+        finally:
+            self._is_checking = False
+
+    async def _names(self, kinds: set[str]) -> dict[str, list[str]]:
+        """Return the names of these kinds in the graph."""
+        names: dict[str, list[str]] = {kind: [] for kind in kinds}
+        if "topic" in kinds:
+            for number, name in enumerate(self._graph.topic_names()):
+                if number % _STEP_NAMES == 0:
+                    await anyio.lowlevel.checkpoint()
+                topic = self._graph.topic(name)
+                if topic is not None and _is_of_robot(topic):
+                    names["topic"].append(name)
+        if "service" in kinds:
+            names["service"] = [each.name for each in self._graph.services()]
+            await anyio.lowlevel.checkpoint()
+        if "action" in kinds:
+            names["action"] = list(self._graph.action_names())
+        return names
+
+    async def _compare(self, every: Sequence[tuple[str, NamesOf, tuple[str, ...]]]) -> None:
+        names = await self._names({kind for _, kinds, _ in every for kind in kinds.kinds})
         found: list[Unmatched] = []
-        for setting, kinds, globs in self._globs:
+        for setting, kinds, globs in every:
             known = [name for kind in kinds.kinds for name in names[kind]]
             for glob, absolute in zip(globs, absolute_globs(globs), strict=True):
+                await anyio.lowlevel.checkpoint()
                 if len(found) < _MAX_FOUND and not _matches(absolute, known):
                     text = self._text(setting, kinds, absolute, known)
                     found.append(Unmatched(setting, glob, text, f"correct `{setting}`, and reload"))
@@ -136,9 +170,7 @@ class GlobCheck:
                 logger.warning("%s", each.text)
 
     def _topics_of_robot(self) -> Iterator[TopicInfo]:
-        for each in self._graph.topics():
-            if not _OWN_NODES.issuperset(end.node for end in (*each.publishers, *each.subscribers)):
-                yield each
+        return filter(_is_of_robot, self._graph.topics())
 
     def _text(self, setting: str, kinds: NamesOf, glob: str, known: list[str]) -> str:
         what = " or ".join(kinds.kinds)
@@ -152,6 +184,10 @@ class GlobCheck:
             return text
         is_guarded = bool(self._rules.of(act, near))
         return f"{text}; near: `{near}`, which is {'guarded' if is_guarded else 'not guarded'}"
+
+
+def _is_of_robot(topic: TopicInfo) -> bool:
+    return not _OWN_NODES.issuperset(end.node for end in (*topic.publishers, *topic.subscribers))
 
 
 def _matches(glob: str, known: list[str]) -> bool:

@@ -70,9 +70,9 @@ class Ros2Pair(PairedGraph):
     def _watch(self, wakeup: Any) -> None:
         drain = wakeup.drain
 
-        def counted() -> bool:
+        def counted(until: float) -> bool:
             self._activity += 1
-            return bool(drain())
+            return bool(drain(until))
 
         wakeup.drain = counted
 

@@ -64,7 +64,7 @@ CYCLES_OF_LIBRARIES: Final = {"mcp_sessions": 10_000}
 CYCLES_TOGETHER: Final = 3_000
 """Objects of which the same is true of all attacks at once: by tasks of libraries that were cancelled."""
 
-LOG_BYTES: Final = 100_000
+LOG_BYTES: Final = 120_000
 """Of one attack."""
 
 HELD: Final = 0.05
