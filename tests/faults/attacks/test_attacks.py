@@ -70,7 +70,7 @@ LOG_BYTES: Final = 120_000
 HELD: Final = 0.05
 """Seconds for which the event loop is held at a time, at most, collections of garbage included."""
 
-SOON: Final = 2.0
+SOON: Final = 4.0
 """Maximum factor on that time before an ordinary client is answered."""
 
 PATIENCE: Final = 10.0
