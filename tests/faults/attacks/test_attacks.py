@@ -71,7 +71,8 @@ HELD: Final = 0.05
 """Seconds for which the event loop is held at a time, at most, collections of garbage included."""
 
 SOON: Final = 4.0
-"""Maximum factor on that time before an ordinary client is answered."""
+"""Maximum factor on that time before an ordinary client is answered. Slow numbers
+took 2.2 to 3.9 on one machine, in two of three runs, and less than 2 on others."""
 
 PATIENCE: Final = 10.0
 """Seconds in which an ordinary client is answered, whatever else the machine does."""
