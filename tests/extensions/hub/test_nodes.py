@@ -11,19 +11,23 @@ import time
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 from urllib.error import HTTPError
 from urllib.request import urlopen
 
 import anyio
 import pytest
+import zenoh
 from anyio import to_thread
-from websockets.asyncio.client import connect
+from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from rwt import Server
+from rwt.access.gate.audit.file import read_audit
 from rwt.extensions.hub.hub import UNUSED_SECONDS, DialedRobot, Hub, open_hub
 from rwt.extensions.hub.nodes.directory import Directory, open_directory
+from rwt.extensions.zenoh.session import ZenohOptions, ZenohSession
 from rwt_participant.qos import LATCHED
 from rwt_transports import Limits
 from tests.extensions.hub.test_shared_feeds import Viewer, viewer
@@ -150,6 +154,52 @@ async def test_the_robot_decides_about_clients_of_other_nodes() -> None:
             pass
 
 
+async def test_two_people_at_two_nodes_share_one_lease(tmp_path: Path) -> None:
+    """The audit of the robot names both, with the address and credential of each."""
+    people = {"alice": "a" * 16, "bob": "b" * 16}
+    settings = {
+        "auth": {"tokens": {name: {"token": token, "role": "driver"} for name, token in people.items()}},
+        "roles": {"driver": {"publish": ["/cmd_vel"]}},
+        "gate": {
+            "rules": {"drive": {"topics": ["/cmd_vel"], "lease": {"seconds": 60}, "stop": {}}},
+            "audit": {"file": tmp_path / "audit.jsonl"},
+        },
+    }
+    async with (
+        nodes(2) as (home, other),
+        robot(home, other, **settings) as server,
+        connect(f"{home.url}?token={people['alice']}") as alice,
+        connect(f"{other.url}?token={people['bob']}") as bob,
+    ):
+        driven: list[float] = []
+        server.node("base").subscribe(
+            "/cmd_vel", lambda twist: driven.append(twist.linear.x), "geometry_msgs/Twist"
+        )
+        for link in (alice, bob):
+            await link.send('{"op":"set_level","level":"warning"}')
+            await link.send('{"op":"advertise","topic":"/cmd_vel","type":"geometry_msgs/Twist"}')
+        await _drive(alice, 0.1)
+        await until(lambda: driven == [0.1])
+        await _drive(bob, 0.9)
+        refusal = json.loads(await bob.recv())
+        assert "/cmd_vel is held by" in refusal["msg"], refusal
+        assert "alice" not in refusal["msg"]
+        await _drive(alice, 0.2)
+        await until(lambda: driven == [0.1, 0.2])
+        await alice.close()
+        # Without its holder the robot stops, and the other one may drive.
+        await until(lambda: driven[-1] == 0.0)
+        await _drive(bob, 0.3)
+        await until(lambda: driven[-1] == 0.3)
+    said = {(line["decision"], line.get("credential")) for line in read_audit(tmp_path / "audit.jsonl")}
+    assert {("allowed", "alice"), ("refused", "bob"), ("allowed", "bob")} <= said
+    assert not {("refused", "alice")} & said
+
+
+async def _drive(link: ClientConnection, speed: float) -> None:
+    await link.send(json.dumps({"op": "publish", "topic": "/cmd_vel", "msg": {"linear": {"x": speed}}}))
+
+
 async def test_a_node_that_nobody_has_asked_cannot_serve_a_robot() -> None:
     async with nodes(2) as (home, other), robot(home, other), viewer(other.url):
         assert other.robot.is_linked
@@ -231,10 +281,28 @@ async def test_a_robot_whose_node_cannot_dial_in_is_unreachable() -> None:
 
 
 async def test_a_node_that_misses_a_change_asks_for_all() -> None:
-    async with nodes(2) as (home, other):
-        home.directory.skip()
-        async with robot(home, other):
-            assert other.directory.has("rosie")
+    endpoint = free_endpoint()
+    rows: dict[str, Any] = {"url": "ws://127.0.0.1:9", "number": 1, "robots": {}}
+
+    def tell(query: zenoh.Query) -> None:
+        query.reply(query.key_expr, json.dumps(rows))
+
+    async with node(endpoint, listens=True) as home:
+        session = ZenohSession()
+        opened = await to_thread.run_sync(session.open, ZenohOptions((), (endpoint,), "peer"))
+        try:
+            answer = opened.declare_queryable("rwt/hub/rows/raw", tell)
+            token = opened.liveliness().declare_token("rwt/hub/node/raw")
+            await until(lambda: home.directory.count == 1)
+            change: dict[str, Any] = {"number": 2, "came": {"first": 1}, "left": []}
+            opened.put("rwt/hub/change/raw", json.dumps(change))
+            await until(lambda: home.directory.has("first"))
+            rows.update(number=4, robots={"second": 2, "third": 3})
+            opened.put("rwt/hub/change/raw", json.dumps({"number": 4, "came": {"third": 3}, "left": []}))
+            await until(lambda: sorted(home.directory.robots) == ["second", "third"])
+            del answer, token
+        finally:
+            await to_thread.run_sync(session.close)
 
 
 @pytest.mark.slow

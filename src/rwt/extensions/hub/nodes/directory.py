@@ -160,10 +160,6 @@ class Directory:
         self._changed.set()
         self.links.end(robot)
 
-    def skip(self) -> None:
-        """Skip a number, as if a change had been lost."""
-        self._number += 1
-
     async def publish(self) -> None:
         """Publish changes until cancelled."""
         while True:
