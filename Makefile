@@ -128,9 +128,17 @@ test-lerobot: $(LEROBOT)/.installed $(BROWSER)/node_modules/.installed $(PAGE)
 
 # Vehicles over MAVLink on bad links: loss, gaps, restarts, two stations, ids that clash. `make test-mavlink SECONDS=3600`
 # draws scenarios for an hour and prints their seeds, SEED=7 repeats one; LINK=udp://0.0.0.0:14550 tests a real SITL.
+# MAVProxy, as a ground station by others at the same vehicle, has an environment of its own.
 SECONDS := 30
-test-mavlink: $(STAMP)-test
-	MAVLINK_SECONDS=$(SECONDS) $(if $(SEED),MAVLINK_SEED=$(SEED)) $(if $(LINK),MAVLINK_LINK=$(LINK)) \
+MAVPROXY := build/mavproxy
+$(MAVPROXY)/.installed:
+	$(PYTHON) -m venv $(MAVPROXY)
+	$(MAVPROXY)/bin/python -m pip install --quiet 'MAVProxy>=1.8.75' future
+	touch $@
+
+test-mavlink: $(STAMP)-test $(MAVPROXY)/.installed
+	MAVLINK_SECONDS=$(SECONDS) MAVLINK_MAVPROXY=$(abspath $(MAVPROXY))/bin/mavproxy.py \
+		$(if $(SEED),MAVLINK_SEED=$(SEED)) $(if $(LINK),MAVLINK_LINK=$(LINK)) \
 		$(BIN)/python -m pytest -q -s rwt-mavlink/tests $(ARGS)
 
 # The journey of a robot's owner from an environment with only `rclpy` and its rmw, by the wheels of this checkout:

@@ -1,4 +1,4 @@
-"""Links of the operating system: UDP beside pymavlink's station, TCP, a serial port, a real autopilot."""
+"""Links of the operating system: UDP beside pymavlink and MAVProxy, TCP, a serial port, a real autopilot."""
 
 from __future__ import annotations
 
@@ -6,8 +6,11 @@ import os
 import socket
 import threading
 import time
+from collections import Counter
 from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import asynccontextmanager, contextmanager, suppress
+from pathlib import Path
+from subprocess import STDOUT
 from typing import Any, Final
 
 import anyio
@@ -20,7 +23,7 @@ from rwt_graph import MemoryGraph, Node
 from rwt_mavlink import MavlinkSettings, Station
 from rwt_mavlink.link.addresses import LinkAddress, parse_link
 from rwt_mavlink.link.frames import dialect
-from rwt_mavlink.simulation.vehicle import SimulatedVehicle
+from rwt_mavlink.simulation.vehicle import GUIDED, SimulatedVehicle
 from rwt_participant.errors import CallFailed
 from tests.waiting import until, until_answered
 
@@ -130,6 +133,78 @@ def downloaded(peer: Any) -> list[Any]:
         if item is not None and item.seq == len(items):
             items.append(item)
     return items
+
+
+@asynccontextmanager
+async def mavproxy(port: int, folder: Path) -> AsyncIterator[tuple[Callable[[str], Any], bytearray]]:
+    """Run MAVProxy; yields a function that types a line into its console, and its output."""
+    modules = "cmdlong,param,ftp,wp,mode,arm,misc"
+    command = [os.environ["MAVLINK_MAVPROXY"], f"--master=udpin:127.0.0.1:{port}", "--source-system=254"]
+    options = ["--source-component=191", f"--default-modules={modules}", f"--state-basedir={folder}"]
+    environment = {**os.environ, "HOME": str(folder)}
+    output = bytearray()
+    async with await anyio.open_process(
+        [*command, *options], stderr=STDOUT, env=environment, cwd=folder
+    ) as process:
+        assert process.stdin is not None and process.stdout is not None
+        console, lines = process.stdin, process.stdout
+
+        async def read() -> None:
+            async for piece in lines:
+                output.extend(piece)
+
+        async with anyio.create_task_group() as tasks:
+            tasks.start_soon(read)
+            yield lambda line: console.send(f"{line}\n".encode()), output
+            process.kill()
+
+
+@pytest.mark.skipif("MAVLINK_MAVPROXY" not in os.environ, reason="needs MAVProxy at MAVLINK_MAVPROXY")
+async def test_udp_beside_mavproxy(user: Node, tmp_path: Path) -> None:
+    """A ground station by others uses the same vehicle: plans, parameters, modes and commands are exact."""
+    ours, theirs = free_port(), free_port()
+    waypoints = [{"frame": 3, "command": 16, "x_lat": 47.0 + n * 1e-5, "z_alt": 5.0} for n in range(9)]
+    plan = [f"{n}\t0\t3\t16\t0\t0\t0\t0\t47.3977{n}\t8.5455\t{10 + n}\t1" for n in range(4)]
+    (tmp_path / "plan.txt").write_text("\n".join(["QGC WPL 110", *plan, ""]))
+    with udp_vehicle(ours, theirs) as vehicle:
+        async with (
+            Station(user.graph, MavlinkSettings(link=f"udp://127.0.0.1:{ours}")),
+            mavproxy(theirs, tmp_path) as (enter, output),
+        ):
+            await connected(user)
+            await user.call("/mavros/mission/push", {"waypoints": waypoints}, timeout=PATIENCE)
+            count = f"Received {len(vehicle.parameters.values)} parameters".encode()
+            await until(lambda: count in output, seconds=PATIENCE)
+
+            await enter("wp list")
+            await until(lambda: b"Saved 9 waypoints to " in output, seconds=PATIENCE)
+            saved = [line.split("\t")[8] for line in (tmp_path / "way.txt").read_text().splitlines()[1:]]
+            assert [float(each) for each in saved] == [round(each["x_lat"], 7) for each in waypoints]
+
+            await enter("param set P042 4242")
+            await until(lambda: vehicle.parameters.values["P042"] == 4242, seconds=PATIENCE)
+            await enter(f"wp load {tmp_path / 'plan.txt'}")
+            await until(lambda: vehicle.plans.uploads == 2, seconds=PATIENCE)
+            heard: list[Any] = []
+            user.subscribe("/mavros/mission/waypoints", heard.append)
+            assert (await user.call("/mavros/mission/pull", timeout=PATIENCE)).wp_received == 4
+            await until(lambda: heard and len(heard[-1].waypoints) == 4)
+            assert [round(each.x_lat, 5) for each in heard[-1].waypoints[1:]] == [
+                47.39771,
+                47.39772,
+                47.39773,
+            ]
+            await user.call("/mavros/param/pull", {"force_pull": True}, timeout=PATIENCE)
+            assert await user.params.get("/mavros/param:P042") == 4242
+
+            await enter("mode GUIDED")
+            await until(lambda: vehicle.mode == GUIDED, seconds=PATIENCE)
+            assert (await user.call("/mavros/cmd/arming", {"value": True}, timeout=PATIENCE)).success
+            await until(lambda: b"ARMED" in output, seconds=PATIENCE)
+            await enter("takeoff 8")
+            await until(lambda: vehicle.position[2] < -7.5, seconds=PATIENCE)
+    flown = Counter((each.station.system, each.command) for each in vehicle.executed)
+    assert flown[255, dialect.MAV_CMD_COMPONENT_ARM_DISARM] == flown[254, dialect.MAV_CMD_NAV_TAKEOFF] == 1
 
 
 async def test_a_server_with_the_setting(user: Node) -> None:
