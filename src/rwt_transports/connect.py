@@ -66,6 +66,11 @@ class OutgoingConnection:
     def close(self, code: int, reason: str) -> None:
         self.state.close(code, reason)
 
+    def abort(self) -> None:
+        """Cut the connection: the other side is not told."""
+        if self.connection is not None:
+            self.connection.abort()
+
     async def ended(self) -> None:
         await self.state.ended.wait()
 

@@ -329,6 +329,29 @@ async def test_nodes_are_programs() -> None:
             program.wait()
 
 
+@pytest.mark.slow
+async def test_a_robot_leaves_a_node_that_falls_silent(caplog: pytest.LogCaptureFixture) -> None:
+    """Without trying it again, which would take until its handshake times out."""
+    token, port = "0123456789abcdef", free_port()
+    program = _program(port, token)
+    try:
+        await until(lambda: _listens(port))
+        async with open_hub("ws://127.0.0.1:0", tokens=[token]) as hub:
+            urls = f"ws://127.0.0.1:{port}/robots/rosie,{hub.url}/robots/rosie"
+            async with (
+                Server(dial={"urls": [urls], "token": token}, nodes=()),
+                _reachable(f"ws://127.0.0.1:{port}/rosie"),
+            ):
+                program.send_signal(signal.SIGSTOP)
+                await until(lambda: hub.robots)
+                program.kill()
+    finally:
+        program.kill()
+        program.wait()
+    assert "no sign of life" in caplog.text
+    assert "no answer within" not in caplog.text
+
+
 def _program(port: int, *options: str) -> subprocess.Popen[bytes]:
     token, *cluster = options
     command = [sys.executable, "-m", "rwt.cli", "hub", f"ws://127.0.0.1:{port}", "--token", token, *cluster]

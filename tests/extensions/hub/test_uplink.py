@@ -382,7 +382,7 @@ def test_a_flood_of_pings_is_answered_once() -> None:
     ]
 
 
-@pytest.mark.parametrize(("watched", "seconds"), [(True, 1.0), (False, 8.0)])
+@pytest.mark.parametrize(("watched", "seconds"), [(True, 0.5), (False, 8.0)])
 def test_silence_ends_a_connection(watched: bool, seconds: float) -> None:
     sides = Sides()
     if watched:

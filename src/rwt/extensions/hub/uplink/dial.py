@@ -342,17 +342,17 @@ class _Robot:
         """Choose the alternative to try after a failure. Returns how often that was tried in vain.
 
         The first attempt after a loss is at the same node, which may resume the session, unless it is going
-        away.
+        away or has fallen silent: a connection to a machine that is gone would only time out.
         """
         status, urls = self.status, self._urls
-        if status.failures > 1 or self._ended == GOING_AWAY:
+        if status.failures > 1 or self._ended in (GOING_AWAY, TRY_AGAIN_LATER):
             status.url = urls[(urls.index(status.url) + 1) % len(urls)]
         return 1 + (status.failures - 1) // len(urls)
 
     async def _connected(self) -> None:
         """Serve over one connection, until it ends."""
         opened = time.monotonic()
-        async with self._connect_one(self.status.url, partial(_HubCarrier, self)):
+        async with self._connect_one(self.status.url, partial(_HubCarrier, self)) as connection:
             carrier = self._carrier
             assert carrier is not None
             greeting = "" if self.uplink is None else self.uplink.session
@@ -361,6 +361,8 @@ class _Robot:
             await carrier.over.wait()
             self._carrier = None
             self._ended = carrier.code
+            if carrier.code == TRY_AGAIN_LATER:
+                connection.abort()  # A silent hub does not answer a close either.
         if carrier.code == PROTOCOL_ERROR:
             # A resumed session would repeat the frames that one side has rejected.
             self._end_session("the hub and the robot do not understand each other")

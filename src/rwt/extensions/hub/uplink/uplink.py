@@ -58,7 +58,7 @@ _NO_FRAMES: Final[deque[bytes]] = deque(maxlen=0)
 MAX_ORDERS: Final = 16_384
 """Maximum number of answers that wait for a side that acknowledges nothing."""
 
-WATCHED_PING_SECONDS: Final = 1.0
+WATCHED_PING_SECONDS: Final = 0.5
 """Silence after which a connection with streams is probed."""
 IDLE_PING_SECONDS: Final = 8.0
 """The same for one without."""
