@@ -51,10 +51,11 @@ class Words:
         shared = Counter[str]()
         for pair in set(pairwise(word)):
             shared.update(self._with_pair.get(pair, ()))
+        length = len(word)
         nearest = heapq.nlargest(
-            _COMPARED, shared.items(), key=lambda each: (each[1] / (len(word) + len(each[0])), each[0])
+            _COMPARED, [(pairs / (length + len(each)), each) for each, pairs in shared.items()]
         )
-        found = difflib.get_close_matches(word, [each for each, _ in nearest], count, cutoff)
+        found = difflib.get_close_matches(word, [each for _, each in nearest], count, cutoff)
         if found or not self._few:
             return found
         letters = set(word)
